@@ -1,4 +1,4 @@
-"""Drivers: one interface, one file a driver, found through entry points (group ``hapticd.drivers``)."""
+"""Drivers: one interface, one file per driver, found through entry points (group ``hapticd.drivers``)."""
 
 from drivers.interface import (
     DEVICE_FAULT,

@@ -1,12 +1,12 @@
-"""What a driver is: two C functions, one state pointer and a declared latency.
+"""The driver interface: two C functions, one state pointer and a declared latency.
 
-The servo loop is compiled and never touches Python. It reaches hardware through two function pointers::
+The servo loop is compiled and runs no Python. It calls the hardware through two function pointers::
 
     int32_t read (void *state, hapticd_exchange *x);   /* sample: counts, measured current, status bits */
     int32_t write(void *state, hapticd_exchange *x);   /* command: current, DAC code, enable            */
 
-called in this order within one tick, so that no hidden period of delay arises. ``hapticd_exchange`` is 16 words of eight
-bytes (``docs/reference/driver-interface.md`` has the C declaration); the ``X_*`` constants below are its word numbers.
+called in this order within one tick, so that there is no hidden delay of a period. ``hapticd_exchange`` is 16 words of eight
+bytes (C declaration: ``docs/reference/driver-interface.md``); the ``X_*`` constants below are its word numbers.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ X_PERIOD_NS = 3
 X_COUNTS = 4
 """i64, out of read: encoder counts, wrap already removed."""
 X_CURRENT_MEASURED = 5
-"""f64, out of read: measured current in A, NaN where the device has none."""
+"""f64, out of read: measured current in A, NaN if the device has none."""
 X_STATUS = 6
 """i64, out of read: STATUS_* bits."""
 X_DEVICE_CODE = 7
@@ -49,19 +49,19 @@ X_DEVICE_CODE = 7
 X_CURRENT = 8
 """f64, in to write: commanded current in A, already clamped and on the DAC's grid."""
 X_CODE = 9
-"""i64, in to write: the same as a signed DAC code (0 where no DAC is configured)."""
+"""i64, in to write: the same as a signed DAC code (0 if no DAC is configured)."""
 X_ENABLE = 10
 """i64, in to write: 1 amplifier on, 0 amplifier off."""
 X_TRUE_POSITION = 11
-"""f64, out of read, simulated devices only: true position in rad or m (for ``simulate``; never shown to the renderer)."""
+"""f64, out of read, simulated devices only: true position in rad or m (for ``simulate``; not used for rendering)."""
 X_TRUE_VELOCITY = 12
 """f64, out of read, simulated devices only: true velocity in rad/s or m/s."""
 X_INDEX_SEEN = 13
 """i64, out of read, drivers with ``reports_index``: index pulses passed since the device was opened."""
 X_INDEX_COUNTS = 14
-"""i64, out of read, likewise: encoder counts at the newest of them."""
+"""i64, out of read, likewise: encoder counts at the last one."""
 X_DEADLINE_NS = 15
-"""i64, in to wait: when to give up, ns of CLOCK_MONOTONIC. X_TIME_NS is when the device's clock is due; 0: not known."""
+"""i64, in to wait: deadline, ns of CLOCK_MONOTONIC. X_TIME_NS is the expected time of the device's SYNC; 0: not known."""
 
 EXCHANGE = np.dtype(
     [
@@ -84,26 +84,26 @@ EXCHANGE = np.dtype(
     ],
     align=True,
 )
-"""The same 16 words as a record, as the loop sees them."""
+"""The same 16 words as a record of the loop."""
 
 STATUS_ENABLED = 1
 """The amplifier reports that it is on and follows the command."""
 STATUS_HELD = 2
-"""A person holds the enable input. With ``safety.enable`` a sample without this bit is a release."""
+"""The enable input is held. With ``safety.enable`` a sample without this bit is a release."""
 
 OK = 0
 MISSED = 1
-"""No fresh sample, or no proof that the command arrived; counted; more than ``safety.missed_exchanges`` in a row fault."""
+"""No new sample, or no proof that the command arrived; counted; a fault after ``safety.missed_exchanges`` in a row."""
 DEVICE_FAULT = 2
-"""The device answers and reports a fault of its own (X_DEVICE_CODE)."""
+"""The device reports a fault (X_DEVICE_CODE)."""
 ERROR = -1
-"""The driver failed inside itself (an exception); its text is in :attr:`Driver.error`."""
+"""The driver raised an exception; its text is in :attr:`Driver.error`."""
 LOST = -2
-"""The device is gone (unplugged, port closed), or has restarted: it must be opened anew, so every later call says so too."""
+"""The device is lost (unplugged, port closed) or has restarted: later calls return this until it is opened again."""
 
 
 PROCESSING_S = 40e-6
-"""What host and device need to answer, beside the time on the wire: s from the encoder's sample to the current's change.
+"""Processing time of host and device without transmission: s from the encoder's sample to the change of the current.
 
 Measured with the simulated board and drive on an ordinary PC (``hapticd hil``); a driver's ``latency_s`` overrides it."""
 
@@ -112,9 +112,9 @@ _LONGEST_TEXT: Final = 4000
 
 
 class DriverError(Exception):
-    """A driver cannot be opened or used; the text says which device, what was found and how to repair it.
+    """A driver cannot be opened or used; the message has device, cause and remedy.
 
-    What is quoted from a file or a device is made legible.
+    Unprintable characters from a file or a device are replaced, and the text is shortened.
     """
 
     def __init__(self, text: object = "") -> None:
@@ -122,34 +122,34 @@ class DriverError(Exception):
 
 
 class DriverConfigError(DriverError):
-    """The config names a driver that is not there, or gives it an option that it does not have: nothing was opened."""
+    """The config names an unknown driver or has a wrong option: nothing was opened."""
 
 
 class Driver(abc.ABC):
-    """Base of every driver. The servo loop keeps the object alive for as long as it uses its pointers.
+    """Base of every driver. The servo loop holds a reference to the object while it uses its pointers.
 
-    Subclasses set the three addresses in :meth:`open`. The constructor receives the whole config; a driver's own options
-    stand beside ``driver.name`` and are checked by the driver, which raises :class:`DriverError`.
+    Subclasses set the three addresses in :meth:`open`. The constructor receives the whole config; a driver's options
+    are the other keys of ``driver``, and the driver checks them and raises :class:`DriverError`.
     """
 
     summary: ClassVar[str] = ""
     options: ClassVar[type[Section] | tuple[str, ...] | None] = None
-    """The options beside ``driver.name``: a section with one line each (:func:`read_options`), or their names, checked
-    further by the constructor; None: checked by the constructor alone, which `check` then calls too."""
+    """The driver's options: a section with one line each (:func:`read_options`), or their names, checked
+    further by the constructor; None: checked by the constructor only, which `check` then also calls."""
     reports_index: ClassVar[bool] = False
     """Whether ``read`` fills X_INDEX_SEEN and X_INDEX_COUNTS."""
     enable_input: ClassVar[bool] = False
-    """Whether the device can have an input that a person holds, and ``read`` sets STATUS_HELD for as long as that is closed.
+    """Whether the device can have an enable input that a person holds, and ``read`` sets STATUS_HELD while it is closed.
 
-    A driver that says so sees to it in :meth:`open` that the device has one, where the config asks for ``safety.enable``."""
+    Such a driver checks in :meth:`open` that the device has one, if the config sets ``safety.enable``."""
     follows_clock: ClassVar[bool] = False
-    """Whether a device can wake the loop (``servo.clock: sync``), by a third function ``wait`` that sleeps until it does.
+    """Whether a device can wake the loop (``servo.clock: sync``), by a third function ``wait`` that sleeps until its SYNC.
 
-    Like ``read`` in form, it returns OK, or MISSED at X_DEADLINE_NS; what else is wrong, ``read`` says."""
+    It has the signature of ``read`` and returns OK, or MISSED at X_DEADLINE_NS; ``read`` reports other errors."""
     latency_s: float = 0.0
     """Declared sample-to-current latency in s, added to T_D by ``check`` and ``simulate``."""
     calls_python: bool = False
-    """True when the pointers lead back into Python: good for bring-up, late whenever the GIL is busy."""
+    """Whether the pointers call Python: suitable for bring-up, late when the GIL is busy."""
     error: str | None = None
     """Text of the last exception inside the driver, quoted in the fault's cause."""
 
@@ -165,12 +165,12 @@ class Driver(abc.ABC):
         """Connect, check, and set the addresses. The device must be at zero current and disabled afterwards.
 
         Raises:
-            DriverError: the device is absent, refuses, or does not fit the config.
+            DriverError: the device is missing, refuses, or does not fit the config.
         """
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Release the device, leaving it at zero current and disabled. Safe to call twice and after a failed open."""
+        """Close the device at zero current and disabled. Safe to call twice and after a failed open."""
 
     @classmethod
     def declared_latency_s(cls, config: Config) -> float:
@@ -183,7 +183,7 @@ class Driver(abc.ABC):
 
     @classmethod
     def declared_step(cls, config: Config) -> float:
-        """Step in A of the command that the device takes, without opening anything; 0: none beside ``amplifier.dac_bits``.
+        """Step in A of the device's command, without opening anything; 0: only that of ``amplifier.dac_bits``.
 
         ``check`` counts half of it among the errors of the force.
 
@@ -194,9 +194,9 @@ class Driver(abc.ABC):
 
     @classmethod
     def max_rate_hz(cls, config: Config) -> float:
-        """Highest servo rate in Hz that the link to the device carries, without opening anything; infinite if not known.
+        """Highest servo rate in Hz of the link to the device, without opening anything; infinite if not known.
 
-        ``check`` warns of a rate above it, and its advice stays below.
+        ``check`` warns of a higher rate, and its advice stays below.
 
         Raises:
             DriverConfigError: the driver refuses its options.
@@ -205,18 +205,18 @@ class Driver(abc.ABC):
 
     @classmethod
     def max_rate_reason(cls, config: Config) -> str:
-        """Why it ends there, to follow "servo.rate_hz is 5000 Hz, but "; asked only where :meth:`max_rate_hz` is finite."""
-        return f"driver {config.driver.name} ends near {math.floor(cls.max_rate_hz(config))} Hz"
+        """Reason for this limit, after "servo.rate_hz is 5000 Hz, but "; used only if :meth:`max_rate_hz` is finite."""
+        return f"driver {config.driver.name} allows {math.floor(cls.max_rate_hz(config))} Hz"
 
     def check_rate(self, rate_hz: float) -> str | None:
-        """Why the open device cannot follow a servo rate in Hz, in words for the user; None when it can.
+        """Why the open device cannot run at a servo rate in Hz, in words for the user; None if it can.
 
-        Asked before ``servo.rate_hz`` changes while the loop runs; the change is refused with the text.
+        Called before ``servo.rate_hz`` changes while the loop runs; the change is refused with the text.
         """
         return None
 
     def remarks(self) -> list[str]:
-        """What the device's link has shown that stops nothing, in words with counts; also while the loop runs."""
+        """Observations on the device's link that stop nothing, in words with counts; also while the loop runs."""
         return []
 
     def describe(self) -> str:
@@ -225,12 +225,12 @@ class Driver(abc.ABC):
 
 
 def new_exchange() -> NDArray[np.int64]:
-    """A zeroed exchange block; ``block.view(float64)`` is its floating-point side. Shape (16,), int64."""
+    """A zeroed exchange block; ``block.view(float64)`` is its floating-point view. Shape (16,), int64."""
     return np.zeros(EXCHANGE_WORDS, dtype=np.int64)
 
 
 def read_options(config: Config, kind: type[_Options]) -> _Options:
-    """The driver's own options, by a declaration of one line each (``hapticd.config.fields``), as a setting of ours.
+    """The driver's options, declared with one line each like hapticd's settings (``hapticd.config.fields``).
 
     Raises:
         DriverConfigError: one has a wrong value; with key, value, what is allowed and the unit.
@@ -246,5 +246,5 @@ def read_options(config: Config, kind: type[_Options]) -> _Options:
 
 
 def driver_options(config: Config) -> dict[str, Any]:
-    """The driver's own options: what of ``driver`` is no key of hapticd's own."""
+    """The driver's options: the keys of ``driver`` that are not hapticd's."""
     return config.driver.options

@@ -1,6 +1,6 @@
-"""What a compiled exchange needs of the C library: the clock, waiting for a descriptor, datagrams and bytes.
+"""C library functions for a compiled exchange: clock, waiting for a descriptor, datagrams and bytes.
 
-Scratch memory is the caller's, so that nothing is allocated: ``scratch`` is an int64 array of at least SCRATCH words. All
+The caller gives scratch memory, so that nothing is allocated: ``scratch`` is an int64 array of at least SCRATCH words. All
 results are ``>= 0``, or ``-errno``. Linux, little-endian (``struct pollfd`` is built in one word).
 """
 
@@ -58,10 +58,10 @@ def now_ns(scratch: NDArray[Any]) -> int:
 
 @njit("int64(int64[::1], int64, int64, int64)", counted=False)
 def wait_until(scratch: NDArray[Any], descriptor: int, events: int, deadline_ns: int) -> int:
-    """Wait for ``events`` on a descriptor until an instant of CLOCK_MONOTONIC; a past instant only looks.
+    """Wait for ``events`` on a descriptor until an instant of CLOCK_MONOTONIC; with a past instant it only checks.
 
     Returns:
-        ``revents`` (POLLERR, POLLHUP and POLLNVAL among them), 0 when the time is over, or ``-errno``.
+        ``revents`` (also POLLERR, POLLHUP and POLLNVAL), 0 after the deadline, or ``-errno``.
     """
     while True:
         left = max(deadline_ns - now_ns(scratch), 0)
@@ -97,7 +97,7 @@ def receive_from(descriptor: int, address: int, size: int, sender: int, sender_s
     """Receive a datagram without waiting: its bytes, or ``-errno``.
 
     Args:
-        descriptor: of the socket. address, size: room for the datagram.
+        descriptor: of the socket. address, size: buffer for the datagram.
         sender: address of a ``struct sockaddr``. sender_size: address of its ``socklen_t``, set by caller and kernel.
     """
     received = _recvfrom(descriptor, address, size, _MSG_DONTWAIT_NOSIGNAL, sender, sender_size)
@@ -106,7 +106,7 @@ def receive_from(descriptor: int, address: int, size: int, sender: int, sender_s
 
 @njit("int64(int64, int64, int64, int64, int64)", counted=False)
 def send_to(descriptor: int, address: int, size: int, receiver: int, receiver_size: int) -> int:
-    """Send a datagram to a ``struct sockaddr`` of so many bytes without waiting: bytes sent, or ``-errno``."""
+    """Send a datagram to a ``struct sockaddr`` of ``receiver_size`` bytes without waiting: bytes sent, or ``-errno``."""
     sent = _sendto(descriptor, address, size, _MSG_DONTWAIT_NOSIGNAL, receiver, receiver_size)
     return int(sent) if sent >= 0 else -errno()
 

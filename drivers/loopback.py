@@ -1,7 +1,7 @@
-"""The simulated testbed inside the process: the exact plant behind the same two pointers as any hardware.
+"""The simulated testbed inside the process: the exact plant with the same two function pointers as hardware.
 
-In real time the plant is propagated to the instant at which the loop really reads or writes, so a late tick is really
-late. In virtual time the instants are the servo's grid, and a run is bit for bit repeatable.
+In real time the plant is propagated to the instant at which the loop really reads or writes, so a late tick is
+late. In virtual time the instants are the servo's grid, and a run is repeatable to the bit.
 """
 
 from __future__ import annotations
@@ -52,19 +52,19 @@ _TRIPPED = 4
 _GAIN = 5
 """f64: current in the motor over the one commanded."""
 _INDEX_EVERY = 6
-"""f64: counts from index pulse to index pulse; infinite: there is none."""
+"""f64: counts between two index pulses; infinite: there is none."""
 _INDEX_AT = 7
 _INDEX_SEEN = 8
 _COUNTING = 9
 _RELEASED = 10
 _FIRST_INDEX = 0.7
-"""Of a turn: how far the first index pulse is below the place where the shaft begins."""
+"""Distance of the first index pulse below the initial position, in turns."""
 _SIZE = _WORDS + kernel.PLANT_SIZE
 
 
 @njit("int64(int64, float64)", inline=True, counted=False)
 def _turn(counts: int, every: float) -> int:
-    """How many index pulses lie below these counts, from the one below 0 on."""
+    """Number of index pulses below these counts, from the one below 0 on."""
     return int(np.floor(counts / every + _FIRST_INDEX))
 
 
@@ -76,7 +76,7 @@ def _read(state: int, exchange: int) -> int:
     x = carray(exchange, (EXCHANGE_WORDS,))
     x_float = x.view(np.float64)
     if words[_BEGUN] == 0:
-        # The plant's life begins with the loop's first look at it, whatever the clock shows by then.
+        # The plant's time begins with the first read of the loop.
         words[_BEGUN] = 1
         plant_i[kernel.TIME_NS] = x[X_TIME_NS]
         plant_f[kernel.TIME_FRAC] = x_float[X_TIME_FRAC]
@@ -97,7 +97,7 @@ def _read(state: int, exchange: int) -> int:
     x[X_COUNTS] = counts * words[_COUNTING]
     x_float[X_CURRENT_MEASURED] = plant_f[kernel.CURRENT]
     if words.view(np.float64)[_GAIN] != 0.0:
-        # an amplifier believes the rating that it was given
+        # an amplifier measures with its configured rating
         x_float[X_CURRENT_MEASURED] /= words.view(np.float64)[_GAIN]
     x[X_STATUS] = (STATUS_ENABLED if words[_ENABLED] == 1 else 0) | (STATUS_HELD if words[_RELEASED] == 0 else 0)
     x_float[X_TRUE_POSITION] = plant_f[kernel.POSITION]
@@ -126,33 +126,34 @@ def _write(state: int, exchange: int) -> int:
 
 @dataclass(frozen=True)
 class Faults:
-    """What is wrong with the testbed's wiring: option ``faults``, for rehearsals of ``hapticd commission``."""
+    """Faults of the testbed's wiring: option ``faults``, for tests of ``hapticd commission``."""
 
     current_gain: float = 1.0
-    """Current in the motor over the one commanded: −1: its leads are exchanged, 0: a lead is off, 10: a wrong rating."""
+    """Motor current over command: −1: exchanged leads, 0: an open lead, 10: a wrong rating."""
     counts: bool = True
     """False: a channel of the encoder is dead."""
     index: bool = True
     watchdog: bool = True
-    """False: the amplifier does not notice that nobody talks to it."""
+    """False: the amplifier's watchdog does not work."""
     enable: bool = True
-    """False: the enable input is bridged, and reads held whatever the hand does."""
+    """False: the enable input is bridged and always reads as held."""
     latency_s: float = 0.0
-    """Beside what the amplifier's model has."""
+    """In addition to that of the amplifier's model."""
 
 
 class LoopbackDriver(Driver):
     """The simulated testbed.
 
-    Options: ``device``, a config file whose plant, hand, amplifier and encoder the testbed has in place of the config's own;
-    ``watchdog_ms``, after which its amplifier switches itself off (default: it has none); ``faults`` (:class:`Faults`).
+    Options: ``device``, a config file with plant, hand, amplifier and encoder of the testbed, instead of those of the
+    config; ``watchdog_ms``, after which its amplifier switches itself off (default: it has none); ``faults``
+    (:class:`Faults`).
 
     Args:
         config: plant, hand, amplifier and encoder of the testbed.
         position: true initial position, rad or m. velocity: rad/s or m/s.
         enabled: start with the amplifier on (virtual time only).
         limited: whether the amplifier clips at its peak current.
-        latency_s: sample-to-current latency of the device that is stood in for, added to the amplifier's lag.
+        latency_s: sample-to-current latency of the simulated device, added to the amplifier's lag.
     """
 
     options = ("device", "watchdog_ms", "faults")
@@ -173,7 +174,7 @@ class LoopbackDriver(Driver):
         super().__init__(config)
         options = driver_options(config)
         self.device = _device(config, options.get("device"))
-        """Whose plant, hand, amplifier and encoder are simulated."""
+        """Config of the simulated plant, hand, amplifier and encoder."""
         self._faults = _faults(options.get("faults", {}))
         self._watchdog_ms = _finite("watchdog_ms", options.get("watchdog_ms", 0))
         self._initial = (position, velocity, enabled, limited)
@@ -181,7 +182,7 @@ class LoopbackDriver(Driver):
         self._buffer: NDArray[np.int64] = np.zeros(0, np.int64)
 
     def open(self) -> None:
-        """Put the shaft at its initial state; amplifier off unless asked otherwise."""
+        """Set the shaft to its initial state, with the amplifier off unless `enabled`."""
         position, velocity, enabled, limited = self._initial
         plant = kernel.init_plant(self.device, position, velocity, current_loop=True)
         faults, encoder = self._faults, self.device.encoder
@@ -199,13 +200,13 @@ class LoopbackDriver(Driver):
         self.state_address = self._buffer.ctypes.data
 
     def close(self) -> None:
-        """Nothing holds the shaft any more: amplifier off, and the current with it."""
+        """Switch the amplifier off, with zero current."""
         if self._buffer.size:
             self._buffer[_ENABLED] = 0
 
     @property
     def held(self) -> bool:
-        """The simulated enable input: held from :meth:`open` on, until somebody sets this to False."""
+        """The simulated enable input: held from :meth:`open` on, until this is set to False."""
         return bool(self._buffer[_RELEASED] == 0)
 
     @held.setter
@@ -214,11 +215,11 @@ class LoopbackDriver(Driver):
 
     @property
     def plant(self) -> NDArray[np.float64]:
-        """The plant's buffer (:mod:`hapticd.plant.kernel`), for scripts that push the shaft by hand."""
+        """The plant's buffer (:mod:`hapticd.plant.kernel`), for scripts that apply a hand's force."""
         return self._buffer[_WORDS:].view(np.float64)
 
     def true_state(self, ns: int, frac: float = 0.0) -> tuple[float, float]:
-        """True position and velocity at an instant not before the last one."""
+        """True position and velocity at an instant, which is not before the last one."""
         kernel.plant_advance(self.plant, self._buffer[_WORDS:], ns, frac)
         return float(self.plant[kernel.POSITION]), float(self.plant[kernel.VELOCITY])
 

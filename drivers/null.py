@@ -1,4 +1,4 @@
-"""A driver that does nothing: a still shaft, an amplifier always on. For the loop's warm-up and its cost per tick."""
+"""A driver without a device: a shaft at rest, an amplifier always on. For the loop's warm-up and its cost per tick."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def _write(state: int, exchange: int) -> int:
 
 
 class NullDriver(Driver):
-    """A still shaft and an amplifier that is always on."""
+    """A shaft at rest and an amplifier that is always on."""
 
     options = ()
-    summary = "no device: a still shaft and an amplifier that is always on"
+    summary = "no device: a shaft at rest and an amplifier that is always on"
 
     def open(self) -> None:
         """Set the addresses; there is nothing to connect."""

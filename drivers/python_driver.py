@@ -1,7 +1,7 @@
 """Drivers written in plain Python: subclass :class:`PythonDriver`, write two methods, register an entry point.
 
-The compiled loop calls back into Python through ctypes. With a free GIL that costs about a microsecond; with a busy one
-up to the 5 ms switch interval. It is meant for the bring-up of a new board, and the daemon says so when it starts.
+The compiled loop calls Python through ctypes. With a free GIL that takes about a microsecond; with a busy one
+up to the 5 ms switch interval. It is intended for the bring-up of a new board; the daemon warns of it at its start.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class PythonCalls:
     """Two Python functions as the two C functions of a driver.
 
     Args:
-        driver: whose ``error`` gets the text of an exception; the loop then faults.
+        driver: its ``error`` is set to the text of an exception; the loop then raises a fault.
         read, write: take the exchange's words, shape (16,), int64, and return one of the interface's codes.
     """
 
@@ -68,7 +68,7 @@ class PythonCalls:
         self._functions = (_FUNCTION(guarded(read)), _FUNCTION(guarded(write)))
 
     def install(self) -> None:
-        """Hand the addresses to the driver. This object must live as long as they are used."""
+        """Set the driver's addresses. This object must exist while they are used."""
         read, write = (ctypes.cast(function, ctypes.c_void_p).value for function in self._functions)
         if read is None or write is None:
             raise RuntimeError("ctypes gave no address for a callback")
@@ -76,7 +76,7 @@ class PythonCalls:
 
 
 class PythonDriver(Driver):
-    """A driver in plain Python. Raise anything: the loop faults with the exception's text and commands zero."""
+    """A driver in plain Python. After any exception the loop raises a fault with its text and commands zero."""
 
     calls_python = True
 
@@ -86,7 +86,7 @@ class PythonDriver(Driver):
         self._calls = PythonCalls(self, self._read, self._write)
 
     def open(self) -> None:
-        """Connect, then hand out the callbacks' addresses."""
+        """Connect, then set the callbacks' addresses."""
         self.connect()
         self._calls.install()
 
@@ -104,10 +104,10 @@ class PythonDriver(Driver):
 
     @abc.abstractmethod
     def read_counts(self) -> int | None:
-        """The encoder's counts now, or None when the device gave no fresh sample."""
+        """The encoder's present counts; None if the device gave no new sample."""
 
     def enable_held(self) -> bool:
-        """Whether a person holds the enable input at the sample just read; asked where ``enable_input`` is True."""
+        """Whether the enable input was held at the last sample; called if ``enable_input`` is True."""
         return False
 
     @abc.abstractmethod

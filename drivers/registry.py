@@ -1,4 +1,4 @@
-"""Finding drivers: entry points of the group ``hapticd.drivers``, ours and anybody's."""
+"""Installed drivers: entry points of the group ``hapticd.drivers``, of hapticd and of other packages."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ GROUP = "hapticd.drivers"
 
 @dataclass(frozen=True)
 class DriverInfo:
-    """One installed driver, as ``hapticd drivers`` lists it."""
+    """One installed driver, for ``hapticd drivers``."""
 
     name: str
     origin: str
-    """The entry point's target, ``module:class``, and the package that ships it."""
+    """The entry point's target, ``module:class``, and its package."""
     summary: str
     latency_s: float
-    """Declared sample-to-current latency, s (a driver may refine it once it is open)."""
+    """Declared sample-to-current latency, s (an open driver may change it)."""
     error: str | None = None
-    """Why it cannot be loaded, when it cannot."""
+    """Why it cannot be loaded; None if it can."""
     driver: type[Driver] | None = None
-    """The class, when it can."""
+    """The class; None if it cannot be loaded."""
 
 
-@cache  # a search through every installed package, and asked for at every `check` of a config
+@cache  # searches every installed package, and every `check` of a config calls it
 def _entry_points() -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in entry_points(group=GROUP)}
 
@@ -60,11 +60,11 @@ def discover() -> list[DriverInfo]:
 
 
 def check_option_names(config: Config) -> None:
-    """Refuse an option or an input that the config's driver does not have, without opening or making anything.
+    """Refuse an option or an input that the config's driver does not have, without opening or creating anything.
 
     Raises:
-        DriverConfigError: with the nearest option, or in the words of a driver that declares none. One that is not
-            installed refuses nothing.
+        DriverConfigError: with the nearest option, or the message of a driver that declares none. Not for a driver that
+            is not installed.
     """
     try:
         driver = _class_of(config.driver.name)
@@ -73,9 +73,9 @@ def check_option_names(config: Config) -> None:
     if driver is None:
         return
     if config.safety.enable and not driver.enable_input:
-        raise _lacks(config, "safety.enable = true", "has no enable input that a person could hold", "enable_input")
+        raise _lacks(config, "safety.enable = true", "has no enable input", "enable_input")
     if config.servo.clock == "sync" and not driver.follows_clock:
-        raise _lacks(config, "servo.clock = sync", "has no SYNC that could wake the loop", "follows_clock")
+        raise _lacks(config, "servo.clock = sync", "has no SYNC for the loop", "follows_clock")
     if driver.options is None:
         if driver_options(config):
             _made(driver, config)
@@ -99,7 +99,7 @@ def _lacks(config: Config, setting: str, what: str, capability: str) -> DriverCo
 
 
 def declared_latency(config: Config) -> tuple[float, str | None]:
-    """Declared sample-to-current latency of the config's driver in s, and a doubt in words when it is not known (0 then)."""
+    """Declared sample-to-current latency of the config's driver in s, and a warning if it is not known (then 0)."""
     name = config.driver.name
     try:
         driver = _class_of(name)
@@ -115,7 +115,7 @@ def declared_latency(config: Config) -> tuple[float, str | None]:
 
 
 def declared_step(config: Config) -> float:
-    """Step in A of the command that the device of the config's driver takes; 0 where there is none, or none is known."""
+    """Step in A of the command of the config's driver; 0 if there is none, or it is not known."""
     try:
         driver = _class_of(config.driver.name)
         return 0.0 if driver is None else driver.declared_step(config)
@@ -124,7 +124,7 @@ def declared_step(config: Config) -> float:
 
 
 def max_rate(config: Config) -> tuple[float, str]:
-    """Highest servo rate in Hz that the link of the config's driver carries, and why; infinite where it is not known."""
+    """Highest servo rate in Hz of the config's driver, and its reason; infinite if not known."""
     try:
         driver = _class_of(config.driver.name)
         limit = math.inf if driver is None else driver.max_rate_hz(config)
@@ -134,13 +134,13 @@ def max_rate(config: Config) -> tuple[float, str]:
 
 
 def _class_of(name: str) -> type[Driver] | None:
-    """The one driver, loaded; None when it is not installed."""
+    """The loaded driver class; None if it is not installed."""
     entry = _entry_points().get(name)
     return None if entry is None else _load(entry)
 
 
 def create(config: Config) -> Driver:
-    """The driver that the config names, not yet open.
+    """The config's driver, not yet open.
 
     Raises:
         DriverError: no such driver (with the nearest name), it fails to load, or it refuses its options.

@@ -1,8 +1,8 @@
 """python-can interface ``unix_seqpacket``: CAN frames over an AF_UNIX SOCK_SEQPACKET connection.
 
-Where the kernel has no CAN, one message of such a socket carries one 16-byte Linux ``struct can_frame``, exactly as a
-SocketCAN descriptor does, so the same compiled exchange and the same bring-up run over either. The peer listens on the
-path and acts as the bus. ``can.Bus(interface="unix_seqpacket", channel="/run/user/1000/drive.sock")``
+For a kernel without CAN: one message of such a socket is one 16-byte Linux ``struct can_frame``, exactly as on a
+SocketCAN descriptor, so that the same compiled exchange and bring-up work with both. The peer listens on the
+path and is the bus. ``can.Bus(interface="unix_seqpacket", channel="/run/user/1000/drive.sock")``
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def unpack(frame: bytes, timestamp: float = 0.0) -> can.Message:
         raise can.CanOperationError(f"a CAN frame is {_FRAME.size} bytes long, this message has {len(frame)}")
     identifier, length, data = _FRAME.unpack(frame)
     if length > 8:
-        raise can.CanOperationError(f"a classic CAN frame has at most 8 bytes of data, this one says {length}")
+        raise can.CanOperationError(f"a classic CAN frame has at most 8 bytes of data, this one has {length}")
     extended, remote = bool(identifier & _EFF), bool(identifier & _RTR)
     return can.Message(
         timestamp=timestamp,
@@ -81,14 +81,14 @@ class SeqpacketBus(can.BusABC):
         super().__init__(channel=channel, can_filters=can_filters)
 
     def fileno(self) -> int:
-        """The descriptor; one message read or written is one 16-byte ``struct can_frame``. -1 once it is shut down."""
+        """The descriptor; each message is one 16-byte ``struct can_frame``. -1 after shutdown."""
         return self._socket.fileno()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send one frame, waiting at most ``timeout`` s (None: for ever) for room.
+        """Send one frame, waiting at most ``timeout`` s (None: no limit) for space in the buffer.
 
         Raises:
-            can.CanOperationError: the peer is gone, or there was no room in time.
+            can.CanOperationError: the peer has closed, or the buffer stayed full.
         """
         self._wait(select.POLLOUT, timeout, "no room to send within")
         try:
@@ -118,6 +118,6 @@ class SeqpacketBus(can.BusABC):
         return ready
 
     def shutdown(self) -> None:
-        """Close the connection; may come twice."""
+        """Close the connection; safe to call twice."""
         super().shutdown()
         self._socket.close()

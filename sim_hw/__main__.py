@@ -1,6 +1,6 @@
 """``python -m sim_hw DEVICE …``: one simulated device as a process.
 
-Exit codes: 0 ended by a signal, 2 usage or a wrong plant file or script, 4 the device's interface cannot be opened.
+Exit codes: 0 ended by a signal, 2 usage or an invalid plant file or script, 4 the device's interface cannot be opened.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ _DEVICES = ("serial_board", "firmware", "canopen")
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The parser of all subcommands; a parsed namespace's ``run`` takes the namespace."""
+    """The parser of all subcommands; the function ``run`` of a parsed namespace takes the namespace."""
     parser = argparse.ArgumentParser(
         prog="python -m sim_hw",
-        description="Simulated hardware: one device in a process of its own, with the exact plant in real time. When it "
+        description="Simulated hardware: one device as a process, with the exact plant in real time. When it "
         'is ready it prints one JSON line on stdout: {"ready": true, "device": …, "pid": …}. SIGTERM or Ctrl-C ends it. '
-        "Its log is the truth about the shaft and the current; a script moves the hand and injects faults.",
+        "Its log has the true motion and current; a script moves the hand and injects faults.",
     )
     devices = parser.add_subparsers(title="devices", dest="device", required=True, metavar="DEVICE")
     for package in _DEVICES:
@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a device; the exit code."""
     options = build_parser().parse_args(arguments)
     if sys.stderr.isatty():
-        print(f"{options.device}: starting (the first start compiles the device, some ten seconds) …", file=sys.stderr)
+        print(f"{options.device}: starting (the first start compiles, some ten seconds) …", file=sys.stderr)
     try:
         options.run(options)
     except ConfigError as error:

@@ -1,4 +1,4 @@
-"""CLOCK_MONOTONIC and descriptors, from compiled code."""
+"""CLOCK_MONOTONIC and descriptors in compiled code."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def monotonic_ns(timespec: NDArray[Any]) -> int:
 
 @njit("int64(int64[::1], int64, int64[::1], int64)", counted=False)
 def wait_readable(pollfds: NDArray[Any], count: int, timespec: NDArray[Any], wait_ns: int) -> int:
-    """``ppoll`` for at most ``wait_ns``; how many of the descriptors have something to say, negative on a signal.
+    """``ppoll`` for at most ``wait_ns``; returns the number of descriptors with events, negative on a signal.
 
     Args:
-        pollfds: ``struct pollfd`` words, see :func:`pollfd`. count: how many of them are looked at.
+        pollfds: ``struct pollfd`` words, see :func:`pollfd`. count: their number.
         timespec: scratch, int64[2]. wait_ns: ns; less than 0 counts as 0.
     """
     wait_ns = max(wait_ns, 0)

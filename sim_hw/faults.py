@@ -1,4 +1,4 @@
-"""Injected faults, compiled: which are due, what becomes of a frame, and the ones every device has alike."""
+"""Compiled injected faults: the due ones, their effect on frames, and those common to all devices."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from sim_hw.motion import instant_ns, log_row, move_to
 
 @njit(numba.types.UniTuple(I64, 2)(SIM), counted=False)
 def next_fault(sim: Sim) -> tuple[int, int]:
-    """Row of the fault that is due first among those waiting, and when; −1 and FAR_NS when there is none.
+    """Row of the waiting fault that is due first, and its instant; −1 and FAR_NS if there is none.
 
-    One whose origin has not come yet is not due.
+    A fault whose origin has not occurred is not due.
     """
     first, first_ns = -1, w.FAR_NS
     for row in range(sim.faults.shape[0]):
@@ -33,19 +33,19 @@ def next_fault(sim: Sim) -> tuple[int, int]:
 
 @njit(I64(SIM), counted=False)
 def next_event_ns(sim: Sim) -> int:
-    """When the next held frame goes on or the next fault is due; FAR_NS when neither will."""
+    """Instant of the next held frame or the next fault; FAR_NS for none."""
     return min(next_held(sim)[1], next_fault(sim)[1])
 
 
 @njit(numba.types.UniTuple(I64, 4)(SIM), counted=False)
 def begin_fault(sim: Sim) -> tuple[int, int, int, int]:
-    """The next fault falls due: it waits no longer, and is for the device to act on.
+    """Begin the next fault, which the device then applies.
 
-    Does what is alike on all devices: frozen counter, encoder glitch, silence, released enable. All but frame faults get
-    their FAULT_INJECTED row here (code: the kind's number, detail: the row in the script's list), at their instant.
+    It applies the faults common to all devices: frozen counter, encoder glitch, silence, released enable. All but frame
+    faults get their FAULT_INJECTED row here (code: number of the kind, detail: row in the script's list), at their instant.
 
     Returns:
-        Its kind, its row, when it was due, and when it is over: FAR_NS for one that lasts.
+        Its kind, its row, its instant, and its end: FAR_NS for a permanent one.
     """
     row, due = next_fault(sim)
     fault = sim.faults[row]
@@ -73,9 +73,9 @@ def begin_fault(sim: Sim) -> tuple[int, int, int, int]:
 
 @njit(numba.types.UniTuple(I64, 2)(SIM, I64, I64), counted=False)
 def frame_fate(sim: Sim, frame: int, ns: int) -> tuple[int, int]:
-    """What becomes of one frame: bits ``1 << kind`` of the frame faults that hit it, and its delay in ns.
+    """Effect on one frame: bits ``1 << kind`` of the frame faults that apply to it, and its delay in ns.
 
-    Every hit uses up one of the fault's ``count`` and writes a FAULT_INJECTED row (code: kind, detail: the frame's bit).
+    Each reduces the fault's ``count`` by one and writes a FAULT_INJECTED row (code: kind, detail: the frame's bit).
     """
     fate = 0
     delay = 0
@@ -109,13 +109,13 @@ def corrupt(sim: Sim, frame: NDArray[Any], length: int) -> None:
 
 @njit(numba.types.UniTuple(I64, 2)(SIM, I64, BYTES, I64, I64, I64), counted=False)
 def pass_frame(sim: Sim, frame: int, data: NDArray[Any], size: int, due_ns: int, now: int) -> tuple[int, int]:
-    """Send a frame through the faults that hit it: how many copies of it go on now, and its fate.
+    """Apply the faults to a frame: number of copies that pass now, and the bits of its faults.
 
-    What does not go on now is held (see :func:`sim_hw.held.hold`), or gone.
+    The others are held (see :func:`sim_hw.held.hold`) or dropped.
 
     Args:
-        frame: bit of its kind. data: the frame; a bit of it is turned here where it is corrupted.
-        size: its bytes, the last of them its delimiter. due_ns: when it would go on without a fault.
+        frame: bit of its kind. data: the frame; a corrupted one gets one inverted bit.
+        size: its bytes, with the delimiter. due_ns: its instant without a fault.
     """
     fate, delay = frame_fate(sim, frame, now)
     if fate & kinds.DROPPED:

@@ -1,4 +1,4 @@
-"""Frames on their way, compiled: those that a slow line or an injected fault holds back until their instant comes."""
+"""Delayed frames, compiled: a slow line or an injected fault holds them until their instant."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from sim_hw.layout import BYTES, I64, SIM, Sim
 
 @njit((SIM, I64, I64, BYTES, I64), counted=False)
 def hold(sim: Sim, due_ns: int, frame: int, data: NDArray[Any], length: int) -> None:
-    """Keep a copy of a frame until ``due_ns`` (FAR_NS: until :func:`release`); it is lost when every slot is taken.
+    """Hold a copy of a frame until ``due_ns`` (FAR_NS: until :func:`release`); it is lost if no slot is free.
 
     Args:
-        sim: the device. due_ns: when it goes on. frame: bit of its kind, see :mod:`sim_hw.kinds`.
-        data: uint8, of which the first ``length`` (at most HELD_BYTES) are kept.
+        sim: the device. due_ns: when it is forwarded. frame: bit of its kind, see :mod:`sim_hw.kinds`.
+        data: uint8, of which the first ``length`` (at most HELD_BYTES) are stored.
     """
     order = 0
     free = -1
@@ -39,7 +39,7 @@ def hold(sim: Sim, due_ns: int, frame: int, data: NDArray[Any], length: int) -> 
 
 @njit(numba.types.UniTuple(I64, 2)(SIM), counted=False)
 def next_held(sim: Sim) -> tuple[int, int]:
-    """Slot of the frame that is due first, of two that are the one that came first, and when; −1 and FAR_NS for none."""
+    """Slot of the frame that is due first (of equal ones the older), and its instant; −1 and FAR_NS for none."""
     first, first_ns = -1, w.FAR_NS
     for slot in range(w.HELD_SLOTS):
         due = sim.held[slot, w.HELD_DUE_NS]
@@ -51,7 +51,7 @@ def next_held(sim: Sim) -> tuple[int, int]:
 
 @njit((SIM, I64, I64), counted=False)
 def release(sim: Sim, frame: int, ns: int) -> None:
-    """A frame of this kind has passed: those that waited for it go on at ``ns``, after it."""
+    """Release frames that waited for a frame of this kind, which has passed: they follow it at ``ns``."""
     for slot in range(w.HELD_SLOTS):
         if sim.held[slot, w.HELD_DUE_NS] == w.FAR_NS and sim.held[slot, w.HELD_FRAME] == frame:
             sim.held[slot, w.HELD_DUE_NS] = ns

@@ -1,4 +1,4 @@
-"""The kinds of fault a script can name, their keys and limits, and the table the compiled service reads them from."""
+"""The kinds of fault in a script, their keys and limits, and their table for the compiled service."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 LONGEST_S = 1e6
-"""Longest time a script can name, s."""
+"""Longest time in a script, s."""
 
 REQUEST, REPLY, COMMAND = 1, 2, 4
 SYNC, TPDO, RPDO = 8, 16, 32
@@ -24,10 +24,10 @@ FRAMES = {
     "serial": {"request": REQUEST, "reply": REPLY, "command": COMMAND, "any": ANY},
     "canopen": {"request": REQUEST, "reply": REPLY, "sync": SYNC, "tpdo": TPDO, "rpdo": RPDO, "any": ANY},
 }
-"""Frames a fault can be confined to, by device; on CAN ``request`` and ``reply`` are those of SDO."""
+"""Frames to which a fault can be limited, by device; on CAN ``request`` and ``reply`` are those of SDO."""
 
 ORIGINS = {"start": 0, "enabled": 1}
-"""What ``at_s`` counts from: the device's start, or the first time its amplifier is enabled."""
+"""Origin of ``at_s``: the device's start, or the first enable of its amplifier."""
 SIGNAL = 2
 FAULT_ORIGINS = {**ORIGINS, "signal": SIGNAL}
 """A fault may also wait for SIGUSR1."""
@@ -38,14 +38,14 @@ WRONG_VERSION, BUS_OFF, EMERGENCY, LEAVE_OPERATION_ENABLED, REBOOT = range(10, 1
 ENCODER_FAULT, AMPLIFIER_FAULT, EXTERNAL_STOP = range(15, 18)
 MEASURED_CURRENT, SECOND_NODE, FOREIGN_SDO, RELEASED = range(18, 22)
 LAST_FRAME_FAULT = REORDER
-"""Kinds up to this one hit single frames; the others happen at an instant."""
+"""Kinds up to this one act on single frames; the others at an instant."""
 DROPPED, CORRUPTED, DUPLICATED, DELAYED, REORDERED = (1 << kind for kind in range(LAST_FRAME_FAULT + 1))
-"""Bits of a frame's fate, see :func:`sim_hw.faults.frame_fate`."""
+"""Bits of the faults of a frame, see :func:`sim_hw.faults.frame_fate`."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of fault: number in the log, keys beside ``kind``, those it cannot do without, devices that have it."""
+    """A kind of fault: number in the log, keys besides ``kind``, required keys, devices that have it."""
 
     number: int
     keys: tuple[str, ...]
@@ -83,7 +83,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Limit:
-    """Limits of a number in a script, ``default`` where it is not given, and whether it must be a whole one."""
+    """Limits and default of a number in a script, and whether it must be whole."""
 
     least: float
     most: float
@@ -120,7 +120,7 @@ def to_ns(seconds: float) -> int:
 
 
 def fault_table(faults: Iterable[Mapping[str, Any]]) -> NDArray[np.int64]:
-    """The compiled service's table of faults, shape (n, FAULT_WORDS), all of them waiting."""
+    """The table of faults for the compiled service, shape (n, FAULT_WORDS), all waiting."""
     rows = [_row(fault) for fault in faults]
     return np.array(rows, np.int64).reshape(len(rows), w.FAULT_WORDS)
 

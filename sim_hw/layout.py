@@ -1,7 +1,7 @@
-"""The memory that a simulated device's compiled service works on.
+"""The memory of a simulated device's compiled service.
 
-``Sim`` bundles its arrays. ``s`` holds the state as int64 words and ``sf`` is the same memory read as float64; the numbers
-below are the words every device has, a device's own begin at ``DEVICE_WORDS``. Instants are CLOCK_MONOTONIC, ns.
+``Sim`` contains its arrays. ``s`` is the state as int64 words and ``sf`` the same memory as float64; the numbers
+below are the words of every device; those of one kind of device begin at ``DEVICE_WORDS``. Instants are CLOCK_MONOTONIC, ns.
 """
 
 from __future__ import annotations
@@ -14,60 +14,60 @@ from numpy.typing import NDArray
 from sim_hw.log import ROW
 
 FAR_NS = 2**62
-"""An instant that never comes."""
+"""An instant that is never reached."""
 
 STOP = 0
-"""Set by Python: the service returns."""
+"""Set by Python to end the service."""
 LOG_HEAD = 1
 """Rows put into the ring."""
 LOG_TAIL = 2
 """Rows taken out of it."""
 LOG_DROPPED = 3
-"""Rows that found the ring full."""
+"""Rows lost because the ring was full."""
 START_NS = 4
-"""When the device was switched on."""
+"""Instant of switching the device on."""
 ENABLED_NS = 5
-"""When its amplifier was first enabled; FAR_NS before that."""
+"""Instant of the first enable of its amplifier; FAR_NS before that."""
 HAND_NEXT = 6
 """Index of the next step of the hand."""
 COMMAND_A = 7
-"""f64: decoded command in force, A."""
+"""f64: present decoded command, A."""
 COUNTS_OFFSET = 8
-"""What the counter shows at position 0."""
+"""Count at position 0."""
 FROZEN_UNTIL_NS = 9
-"""The counter stands still until then; 0 when it does not."""
+"""End of a frozen counter; 0 if it is not frozen."""
 FROZEN_COUNTS = 10
-"""What it shows meanwhile."""
+"""Its count while it is frozen."""
 GLITCH_COUNTS = 11
-"""Added to a sample while GLITCH_LEFT lasts."""
+"""Added to the next GLITCH_LEFT samples."""
 GLITCH_LEFT = 12
-"""Samples still to be wrong."""
+"""Number of further wrong samples."""
 SILENT_UNTIL_NS = 13
-"""The device sends nothing until then; 0 when it does."""
+"""End of a time in which the device sends nothing; 0 for none."""
 RANDOM = 14
-"""State of the generator that chooses which bit of a frame is corrupted."""
+"""State of the random generator for corrupted bits."""
 HAND_FROM = 15
-"""0: the hand's steps count from START_NS; 1: from ENABLED_NS."""
+"""Origin of the hand's steps: 0: START_NS; 1: ENABLED_NS."""
 CURRENT_GAIN = 16
-"""f64: current in the motor over the one commanded."""
+"""f64: motor current over command."""
 NO_WATCHDOG = 17
-"""1: nobody's silence ends a current."""
+"""1: the watchdog does not work."""
 RELEASED_UNTIL_NS = 18
-"""The person lets go of the enable input until then; 0 while it is held."""
+"""End of a release of the enable input; 0 while it is held."""
 DEVICE_WORDS = 32
-"""First word of the device's own."""
+"""First word for one kind of device."""
 STATE_WORDS = 96
 
 FAULT_KIND = 0
 FAULT_FROM = 1
-"""0: AT_NS counts from START_NS; 1: from ENABLED_NS."""
+"""Origin of AT_NS: 0: START_NS; 1: ENABLED_NS."""
 FAULT_AT_NS = 2
 FAULT_FRAMES = 3
-"""Bits of the frames that are meant."""
+"""Bits of the affected kinds of frames."""
 FAULT_COUNT = 4
 FAULT_DELAY_NS = 5
 FAULT_DURATION_NS = 6
-"""FAR_NS: for good."""
+"""FAR_NS: permanent."""
 FAULT_SIZE = 7
 """Bytes of garbage, or of an object."""
 FAULT_COUNTS = 8
@@ -75,7 +75,7 @@ FAULT_CODE = 9
 FAULT_STATE = 10
 """UNSIGNALLED, WAITING, ACTIVE (frame faults only) or OVER."""
 FAULT_LEFT = 11
-"""Frames still to be hit."""
+"""Number of further affected frames."""
 FAULT_OBJECT = 12
 """Index of an object, and its sub-index times 2^16."""
 FAULT_VALUE = 13
@@ -90,9 +90,9 @@ HELD_SLOTS = 64
 HELD_BYTES = 64
 
 HELD_DUE_NS = 0
-"""When the frame goes on; 0: the slot is free."""
+"""When the frame is forwarded; 0: the slot is free."""
 HELD_ORDER = 1
-"""Frames due at one instant go in this order."""
+"""Order of frames with the same instant."""
 HELD_FRAME = 2
 """Bit of the frame's kind."""
 HELD_LENGTH = 3
@@ -100,15 +100,15 @@ HELD_WORDS = 4
 
 
 class Sim(NamedTuple):
-    """Everything a compiled service works on.
+    """Memory of a compiled service.
 
     Attributes:
         s: (STATE_WORDS,) int64. sf: the same as float64.
         f: (PLANT_SIZE,) the plant's block, see :mod:`hapticd.plant.kernel`. i: the same as int64.
         ring: (RING_ROWS,) log rows, see :mod:`sim_hw.log`.
-        hand_ns: instants of the hand's steps, counted from what HAND_FROM says. hand_force: N m or N.
+        hand_ns: instants of the hand's steps, from the origin HAND_FROM. hand_force: N m or N.
         faults: (n, FAULT_WORDS) int64.
-        held: (HELD_SLOTS, HELD_WORDS) int64 and held_bytes: (HELD_SLOTS, HELD_BYTES) uint8, frames on their way.
+        held: (HELD_SLOTS, HELD_WORDS) int64 and held_bytes: (HELD_SLOTS, HELD_BYTES) uint8, delayed frames.
     """
 
     s: NDArray[Any]

@@ -1,7 +1,7 @@
-"""A device's own log: what really happened to the shaft and to the current, as an Arrow IPC stream.
+"""A device's log: true motion and current, as an Arrow IPC stream.
 
-The compiled service puts rows into a ring in memory (:func:`sim_hw.motion.log_row`); a Python thread writes them to the
-file with :class:`LogWriter`. Tests take the log for the truth.
+The compiled service writes rows into a ring in memory (:func:`sim_hw.motion.log_row`); a Python thread writes them to the
+file with :class:`LogWriter`. Tests use the log as the truth.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ROW = np.dtype(
     align=True,
 )
 """One event. ``time_ns``: CLOCK_MONOTONIC. ``position``, ``velocity``: true, rad or m and per s. ``counts``: the true
-encoder count, without wrap or injected fault, offset included. ``command_A``: decoded command in force. ``applied_A``:
+encoder count with offset, without wrap or injected fault. ``command_A``: present decoded command. ``applied_A``:
 current in the motor. ``code``, ``detail``: see ``docs/reference/simulated-hardware.md``."""
 
 START, SAMPLE, COMMAND, ENABLE, DISABLE, WATCHDOG, FAULT_INJECTED = range(7)
@@ -45,7 +45,7 @@ EVENTS = (
 
 
 class LogWriter:
-    """Writes rows to a new Arrow IPC stream; readable up to the last whole batch while it grows.
+    """Writes rows to a new Arrow IPC stream, which is readable up to its last complete batch.
 
     Args:
         path: the file; an older one is replaced.
@@ -59,7 +59,7 @@ class LogWriter:
         self._schema = pa.schema(fields, metadata=dict(metadata))
         self._file = path.open("wb")
         self._stream = pa.ipc.new_stream(self._file, self._schema)
-        # Arrow writes the schema with the first batch: from here on the file can be read.
+        # Arrow writes the schema with the first batch, which makes the file readable.
         self._stream.write_batch(pa.RecordBatch.from_pylist([], schema=self._schema))
         self._file.flush()
 
@@ -79,14 +79,14 @@ class LogWriter:
 
 
 def read_log(path: str | Path) -> NDArray[Any]:
-    """All rows of a log, also of one that is still being written; none of one of which nothing is on disk yet.
+    """All rows of a log, also of one that is still being written; no rows if nothing is on disk yet.
 
     Returns:
         Structured array, dtype ROW, shape (rows,), in the order of ``time_ns``.
 
     Raises:
         OSError: there is no such file.
-        pyarrow.ArrowInvalid: it is no Arrow stream.
+        pyarrow.ArrowInvalid: it is not an Arrow stream.
     """
     import pyarrow as pa
 
@@ -95,7 +95,7 @@ def read_log(path: str | Path) -> NDArray[Any]:
         return np.zeros(0, ROW)
     with Path(path).open("rb") as file:
         stream = pa.ipc.open_stream(file)
-        # A file cut off in the middle of a batch: what came before it counts.
+        # The file ends in the middle of a batch: the batches before it are valid.
         with contextlib.suppress(pa.ArrowInvalid, OSError):
             batches.extend(stream)
     rows = np.zeros(sum(batch.num_rows for batch in batches), ROW)

@@ -1,7 +1,7 @@
-"""The shaft in real time, compiled: moving the plant to an instant, the hand's steps, the counter, the log's rows.
+"""The plant in real time, compiled: motion to an instant, the hand's steps, the counter, the log's rows.
 
-Everything is put into the plant and into the log at the instant at which it was due, however late the service comes to it.
-Callers go forward in time; an instant in the past counts as the present one.
+Every event acts on the plant and is logged at its due instant, even if the service is late.
+An instant in the past counts as the present one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _RING_MASK = w.RING_ROWS - 1
 
 @njit((SIM, I64, I64, I64, I64), counted=False)
 def log_row(sim: Sim, ns: int, event: int, code: int, detail: int) -> None:
-    """Put a row with the plant as it is now into the ring; a full ring counts the loss in LOG_DROPPED."""
+    """Write a row with the plant's present state into the ring; if that is full, count it in LOG_DROPPED."""
     head = sim.s[w.LOG_HEAD]
     if head - atomic_load(sim.s, w.LOG_TAIL) >= w.RING_ROWS:
         sim.s[w.LOG_DROPPED] += 1
@@ -39,7 +39,7 @@ def log_row(sim: Sim, ns: int, event: int, code: int, detail: int) -> None:
 
 @njit(I64(SIM, I64, I64), counted=False)
 def instant_ns(sim: Sim, origin: int, offset_ns: int) -> int:
-    """Instant of something scripted; FAR_NS while its origin (0: start, 1: first enable) has not come."""
+    """Instant of an event in a script; FAR_NS until its origin (0: start, 1: first enable) has occurred."""
     from_ns = sim.s[w.START_NS] if origin == 0 else sim.s[w.ENABLED_NS]
     return w.FAR_NS if from_ns == w.FAR_NS else from_ns + offset_ns
 
@@ -52,7 +52,7 @@ def _hand_due_ns(sim: Sim) -> int:
 
 @njit(I64(SIM), counted=False)
 def _next_motion_ns(sim: Sim) -> int:
-    """Next instant at which the hand or the current in the motor changes; FAR_NS when none is known."""
+    """Next instant at which the hand or the motor current changes; FAR_NS if none is known."""
     due, waiting = kernel.plant_next_switch(sim.f, sim.i)
     if waiting == 0:
         due = w.FAR_NS
@@ -61,7 +61,7 @@ def _next_motion_ns(sim: Sim) -> int:
 
 @njit((SIM, I64), counted=False)
 def move_to(sim: Sim, ns: int) -> None:
-    """Move the plant to an instant, through every change of hand and current on the way, each with its row."""
+    """Move the plant to an instant, with every change of hand and current before it, each with a row."""
     while _next_motion_ns(sim) <= ns:
         due = _next_motion_ns(sim)
         before = sim.f[kernel.CURRENT]
@@ -78,9 +78,9 @@ def move_to(sim: Sim, ns: int) -> None:
 
 @njit((SIM, I64, numba.float64), counted=False)
 def set_current(sim: Sim, ns: int, current: float) -> None:
-    """Command a current (A) at an instant; it reaches the motor T_A later. Writes an APPLIED row, but no COMMAND row.
+    """Command a current (A) at an instant; it acts on the motor T_A later. Writes an APPLIED row, but no COMMAND row.
 
-    A plant whose link loses commands (``dropped_samples``) never loses a zero: that may be the watchdog's.
+    A plant whose link loses commands (``dropped_samples``) never loses a zero, which may come from the watchdog.
     """
     move_to(sim, ns)
     sim.sf[w.COMMAND_A] = current
@@ -96,7 +96,7 @@ def set_current(sim: Sim, ns: int, current: float) -> None:
 
 @njit((SIM, I64), counted=False)
 def note_enabled(sim: Sim, ns: int) -> None:
-    """The amplifier goes on: an ENABLE row, and the origin of faults with ``from: enabled`` the first time."""
+    """Write an ENABLE row; the first one is the origin of faults with ``from: enabled``."""
     if sim.s[w.ENABLED_NS] == w.FAR_NS:
         sim.s[w.ENABLED_NS] = ns
     log_row(sim, ns, log.ENABLE, 0, 0)
@@ -104,9 +104,9 @@ def note_enabled(sim: Sim, ns: int) -> None:
 
 @njit(I64(SIM, I64), counted=False)
 def take_counts(sim: Sim, ns: int) -> int:
-    """What the device's counter shows at an instant, injected faults included, not yet wrapped; moves the plant there.
+    """Move the plant to an instant and return the device's count, with injected faults, not wrapped.
 
-    Looking does not use a glitch up: :func:`end_sample` does, once the host has been sent what was seen.
+    It does not count a glitch as used: :func:`end_sample` does, after the sample was sent to the host.
     """
     move_to(sim, ns)
     counts = kernel.plant_counts(sim.f, sim.i) + sim.s[w.COUNTS_OFFSET]
@@ -119,6 +119,6 @@ def take_counts(sim: Sim, ns: int) -> int:
 
 @njit((SIM,), counted=False)
 def end_sample(sim: Sim) -> None:
-    """A sample has been taken for the host: one glitch less is left."""
+    """End a sample for the host: one glitch fewer remains."""
     if sim.s[w.GLITCH_LEFT] > 0:
         sim.s[w.GLITCH_LEFT] -= 1

@@ -1,4 +1,4 @@
-"""A simulated device's plant, from a plant file of its own that the daemon does not see."""
+"""A simulated device's plant, from a separate plant file that the daemon does not read."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 
 def build_sim(config: Config, script: Script) -> w.Sim:
-    """The compiled service's memory for a plant and a script; the device is switched on now, its shaft at rest.
+    """The compiled service's memory for a plant and a script; the device is switched on now, with the shaft at rest.
 
-    The plant has no DAC: the device does its own conversion.
+    The plant has no DAC, because the device has one.
     """
     start_ns = time.monotonic_ns()
     f = kernel.init_plant(config, script.position)
@@ -39,7 +39,7 @@ def build_sim(config: Config, script: Script) -> w.Sim:
 
 
 def end_log(sim: w.Sim, ns: int) -> None:
-    """The last row of a board's log: when a command of an instant has reached the motor."""
+    """Write the last row of a board's log, when a command of an instant has reached the motor."""
     end = ns + math.ceil(sim.f[kernel.LAG_NS])
     move_to(sim, end)
     log_row(sim, end, log.END, 0, 0)

@@ -1,4 +1,4 @@
-"""The process around a simulated device: ready line, signals, real-time priority, and the thread that writes the log."""
+"""The process of a simulated device: ready line, signals, real-time priority, and the thread that writes the log."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ def run_device(
 ) -> None:
     """Run a device until SIGTERM or SIGINT, or until its service ends; must be called from the main thread.
 
-    The service runs in a thread of its own under SCHED_FIFO where that is granted. This thread prints one JSON line on
-    stdout (``ready``, ``device``, ``pid``, and what ``ready`` adds), then writes the log. On one of these signals it
-    sets the service's STOP word, waits for it, and writes the log to its end. SIGUSR1 is for the script's next fault that
-    waits for one.
+    The service runs in its own thread, under SCHED_FIFO if that is granted. This thread prints one JSON line on
+    stdout (``ready``, ``device``, ``pid``, and those of ``ready``), then writes the log. On one of these signals it
+    sets the service's STOP word, waits for it, and writes the log to its end. SIGUSR1 begins the script's next fault
+    that waits for a signal.
 
     Args:
         sim: the device's memory. serve: the service; returns soon after ``sim.s[STOP]`` is set.
-        log_path: where the log goes; None for no log.
-        device: its name. ready: what else the ready line says.
+        log_path: of the log; None for no log.
+        device: its name. ready: further keys of the ready line.
 
     Raises:
         OSError: the log cannot be written.
-        BaseException: what the service raised.
+        BaseException: the service's exception.
     """
     ended = threading.Event()
     raised: list[BaseException] = []
@@ -102,14 +102,14 @@ def _drain(sim: Sim, writer: LogWriter | None) -> None:
 
 
 def add_common_options(parser: Any) -> None:
-    """The options that every device has: ``--plant``, ``--script``, ``--log`` of an ``argparse`` parser."""
+    """Add the common options ``--plant``, ``--script``, ``--log`` to an ``argparse`` parser."""
     parser.add_argument(
         "--plant",
         metavar="FILE",
-        help="the real plant behind the device: a configuration file or preset of which plant, hand, amplifier and "
+        help="the device's true plant: a configuration file or preset of which plant, hand, amplifier and "
         "encoder count (default: the built-in RE35 testbed)",
     )
     parser.add_argument("--script", metavar="FILE", type=Path, help="hand, start and faults, as YAML (default: none)")
     parser.add_argument(
-        "--log", metavar="FILE", type=Path, help="write the truth to this Arrow stream (default: no log)"
+        "--log", metavar="FILE", type=Path, help="write the true motion to this Arrow stream (default: no log)"
     )

@@ -1,7 +1,7 @@
-"""The script of a simulated device: an operator's hand, where the counter starts, and what goes wrong when.
+"""The script of a simulated device: an operator's hand, the initial state, and the faults.
 
-A YAML file with the sections ``hand``, ``start`` and ``faults``, each optional; every key is described in
-``docs/reference/simulated-hardware.md``. Reading it reports everything that is wrong at once.
+A YAML file with the optional sections ``hand``, ``start`` and ``faults``; every key is described in
+``docs/reference/simulated-hardware.md``. The reader reports all problems at once.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ _FIRST_OBJECT, _LAST_OBJECT = 0x1000, 0xFFFF
 
 @dataclass(frozen=True)
 class Script:
-    """A script that was read.
+    """The content of a script.
 
     Attributes:
-        hand_from: what the hand's instants count from, 0: the device's start, 1: the first enable.
+        hand_from: origin of the hand's instants, 0: the device's start, 1: the first enable.
         hand_ns: (n,) int64, instants of the hand's steps, ns, ascending.
         hand_force: (n,) torque or force from then on, N m or N.
         position: true initial position, rad or m.
-        counts_offset: what the counter shows at position 0.
-        current_gain: current in the motor over the one commanded. watchdog: 0: it does not work.
+        counts_offset: count at position 0.
+        current_gain: motor current over command. watchdog: 0: it does not work.
         faults: (m, FAULT_WORDS) int64, see :mod:`sim_hw.layout`.
-        wrong_version: the protocol version that the device claims instead of its own, or None; any number makes a CANopen
-            drive claim to be another kind of device of another maker.
-        missing: indexes of objects that a CANopen drive lacks.
-        override: its power-up values that differ from what they should be, by (index, sub-index).
+        wrong_version: a wrong protocol version that the device reports, or None; with any number a CANopen
+            drive reports another device type and vendor.
+        missing: indexes of objects that a CANopen drive does not have.
+        override: other power-up values, by (index, sub-index).
     """
 
     hand_from: int = 0
@@ -65,11 +65,11 @@ def load_script(path: str | Path | None, device: str) -> Script:
     """Read a script.
 
     Args:
-        path: the YAML file; None is a script in which nothing happens.
-        device: ``serial`` or ``canopen``; a fault that it cannot have is an error.
+        path: the YAML file; None for an empty script.
+        device: ``serial`` or ``canopen``; a fault of another device is an error.
 
     Raises:
-        ConfigError: with everything that is wrong: unknown section, key or kind (and the nearest valid one), missing key,
+        ConfigError: with all problems: unknown section, key or kind (and the nearest valid one), missing key,
             value out of range.
     """
     if path is None:
@@ -77,12 +77,12 @@ def load_script(path: str | Path | None, device: str) -> Script:
     name = str(path)
     data, problems = read_yaml(read_text(Path(path), name), name)
     if data is None and not problems:
-        raise ConfigError([Problem(name, "", None, "is empty; write {} for a script in which nothing happens")])
+        raise ConfigError([Problem(name, "", None, "is empty; write {} for a script without events")])
     return _Reader(name, device, problems).script(data)
 
 
 class _Reader:
-    """Collects problems while it reads; a value that is wrong is replaced by one that lets the rest be checked."""
+    """Reads a script and collects problems; a wrong value is replaced by a valid one, to check the rest."""
 
     def __init__(self, name: str, device: str, problems: list[Problem]) -> None:
         self._name, self._device, self._problems = name, device, problems
@@ -102,7 +102,7 @@ class _Reader:
         ]
         origins = {origin for _, _, origin in hand}
         if len(origins) > 1:
-            self._add("hand", None, "has steps from start and steps from enabled; all must count from the same")
+            self._add("hand", None, "has steps from start and steps from enabled; all must have the same origin")
         if any(after[0] < before[0] for before, after in pairwise(hand)):
             self._add("hand", None, "has steps that are not in the order of their at_s")
         if self._problems:
@@ -154,7 +154,7 @@ class _Reader:
             return {"kind": ""}
         kind = kinds.KINDS.get(str(given))
         if kind is None:
-            self._unknown(f"{key}.kind", given, kinds.KINDS, "is no kind of fault")
+            self._unknown(f"{key}.kind", given, kinds.KINDS, "is not a kind of fault")
             return {"kind": ""}
         if self._device not in kind.devices:
             self._add(f"{key}.kind", given, f"is a fault of {kind.devices[0]} devices; this one is {self._device}")
@@ -178,7 +178,7 @@ class _Reader:
     def _unknown(self, key: str, value: object, valid: Iterable[str], what: str) -> None:
         names = sorted(valid)
         nearest = nearest_name(str(value), names)
-        hint = f"did you mean {nearest}?" if nearest else "there are: " + ", ".join(names)
+        hint = f"did you mean {nearest}?" if nearest else "known: " + ", ".join(names)
         self._add(key, value, f"{what}; {hint}", nearest)
 
     def _mapping(
@@ -190,7 +190,7 @@ class _Reader:
         for name in data:
             if name not in valid:
                 nearest = nearest_name(str(name), valid)
-                hint = f"did you mean {nearest}?" if nearest else "the keys here are " + ", ".join(valid)
+                hint = f"did you mean {nearest}?" if nearest else "keys: " + ", ".join(valid)
                 where = f"{key}.{name}" if key else str(name)
                 self._problems.append(Problem(self._name, where, None, f"unknown key; {hint}", nearest=nearest))
         for name in required:
@@ -213,7 +213,7 @@ class _Reader:
         return valid.get(str(value), valid[default])
 
     def _number(self, data: Mapping[str, Any], key: str, name: str, limit: kinds.Limit | None = None) -> Any:
-        """A value within a limit, by default that of its name; the limit's default where it is missing or wrong."""
+        """A value within a limit, by default that of its name; the limit's default if it is missing or wrong."""
         limit = limit or kinds.NUMBERS[name]
         value = data.get(name, limit.default)
         if name == "duration_s" and value == "forever":

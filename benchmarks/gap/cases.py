@@ -10,7 +10,7 @@ import io
 import json
 import math
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ import yaml
 
 from benchmarks.gap import devices
 from benchmarks.gap.generate import Recording
-from benchmarks.gap.hidden import Effect
 
 Files = dict[str, bytes]
 """File name to content: all that the workflow gets."""
@@ -45,14 +44,6 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         write_atomically(folder / name, content)
-
-
-def write_case(root: Path, name: str, recording: Recording, effects: Sequence[Effect], form: str, **more: Any) -> Path:
-    """Write a case's files, and its truth where the workflow does not look; returns the case's folder."""
-    folder = root / "cases" / name
-    write_files(folder, case_files(recording, form))
-    write_json(root / "truth" / f"{name}.json", {"case": name, "effects": list(effects), **more})
-    return folder
 
 
 def run_file(folder: Path) -> Path:

@@ -1,7 +1,7 @@
-"""A CiA 402 drive on CANopen: Copley by default, any other vendor through a profile of its own.
+"""A CiA 402 drive on CANopen: Copley by default, other vendors through a profile.
 
-python-can and canopen bring the drive up (``bring_up.py``); then the exchange runs compiled on the interface's descriptor
-(``cyclic.py``), or through python-can where it has none (``callback.py``). docs/how-to/canopen-drive.md
+Bring-up uses python-can and canopen (``bring_up.py``); then the exchange runs compiled on the interface's descriptor
+(``cyclic.py``), or through python-can if it has none (``callback.py``). docs/how-to/canopen-drive.md
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ def _parsed(config: Config) -> Options:
     """The options of a config.
 
     Raises:
-        DriverConfigError: one is wrong, or the one that ``safety.enable`` needs is not there.
+        DriverConfigError: an option is wrong, or the one required by ``safety.enable`` is missing.
     """
     options = Options.parse(driver_options(config))
     if config.safety.enable and options.enable_bit is None:
         raise DriverConfigError(
             "safety.enable = true: driver canopen needs driver.enable_bit, 0 to 31: the bit of the drive's digital inputs "
-            "(0x60FD) that is 1 while a person holds the enable; a drive's first input is 16"
+            "(0x60FD) that is 1 while the enable is held; a drive's first input is 16"
         )
     return options
 
@@ -54,10 +54,10 @@ class CanopenDriver(Driver):
     """One drive on a CAN bus.
 
     Args:
-        config: the options beside ``driver.name`` (:class:`drivers.canopen.options.Options`), amplifier and servo rate.
+        config: driver options (:class:`drivers.canopen.options.Options`), amplifier and servo rate.
 
     Raises:
-        DriverConfigError: an option, the profile or the servo rate does not fit; nothing is opened.
+        DriverConfigError: an option, the profile or the servo rate is invalid; nothing is opened.
     """
 
     summary = "CiA 402 drive on CANopen (Copley and others), on a SocketCAN interface or any of python-can's"
@@ -82,8 +82,8 @@ class CanopenDriver(Driver):
         self._follows = config.servo.clock == "sync"
         if self._follows and not self._options.compiled:
             raise DriverConfigError(
-                f"servo.clock = sync: driver.interface = {self._options.interface!r} goes through Python, which would wake "
-                f"the loop late: it needs one of {', '.join(COMPILED_INTERFACES)}"
+                f"servo.clock = sync: driver.interface = {self._options.interface!r} runs through Python, which would wake "
+                f"the loop late: use one of {', '.join(COMPILED_INTERFACES)}"
             )
         self.latency_s = self._options.declared_latency_s()
         self.calls_python = not self._options.compiled
@@ -97,31 +97,31 @@ class CanopenDriver(Driver):
 
     @classmethod
     def declared_latency_s(cls, config: Config) -> float:
-        """The option ``latency_s``, or what TPDO, RPDO and processing take at the config's bit rate, s."""
+        """The option ``latency_s``, or the time of TPDO, RPDO and processing at the config's bit rate, s."""
         return _parsed(config).declared_latency_s()
 
     @classmethod
     def declared_step(cls, config: Config) -> float:
-        """One step of the target, A: by the stated rated values, or the coarsest that bring-up lets through."""
+        """One step of the target, A: from the given rated values, or the largest that bring-up accepts."""
         return plausible.declared_step(_parsed(config), config)
 
     @classmethod
     def max_rate_hz(cls, config: Config) -> float:
-        """What the bit rate carries, Hz."""
+        """Highest rate at the config's bit rate, Hz."""
         return _parsed(config).fastest_rate_hz()
 
     @classmethod
     def max_rate_reason(cls, config: Config) -> str:
-        """The bus, and what one tick takes of it."""
+        """The bus, and the time of one tick on it."""
         options = _parsed(config)
         wire_us = 1e6 * bus_load.tick_bits(options.back_bytes) / options.bitrate
         return (
-            f"classic CAN at {1e-6 * options.bitrate:g} Mbit/s ends near {math.floor(options.fastest_rate_hz())} Hz: "
+            f"classic CAN at {1e-6 * options.bitrate:g} Mbit/s allows {math.floor(options.fastest_rate_hz())} Hz: "
             f"SYNC, command and replies take {wire_us:.0f} µs on the wire"
         )
 
     def check_rate(self, rate_hz: float) -> str | None:
-        """Why the bus, the drive's watchdog or the producer of SYNC does not allow a servo rate in Hz."""
+        """Why the bus, the drive's watchdog or the producer of SYNC does not allow a servo rate in Hz; None if they do."""
         if self.config.servo.clock == "sync" and rate_hz != self.config.servo.rate_hz:
             return "servo.clock = sync: the producer of SYNC sets the rate"
         return self._options.check_rate(rate_hz)
@@ -131,7 +131,7 @@ class CanopenDriver(Driver):
         """What stopped the exchange, in words."""
         from drivers.canopen.reasons import explain
 
-        # Once closed, the memory of the exchange says nothing but that.
+        # After close, the memory of the exchange shows only that.
         found = self._last_reason if self._network is None else explain(self._block)
         return found or self._exception
 
@@ -157,8 +157,8 @@ class CanopenDriver(Driver):
             drive = bring_up(network, self._monitor, options, self._profile, self._eds, self.config)
             if options.compiled and drive.echoes:
                 raise DriverError(
-                    f"{where} gives our own frames back (receive_own_messages): switch that "
-                    "off, or another master cannot be told from ourselves"
+                    f"{where} returns our own frames (receive_own_messages): switch that "
+                    "off, because they look like frames of another master"
                 )
         except DriverError as error:
             raise type(error)(f"{where}: {self._restarted() or error}") from error
@@ -183,14 +183,11 @@ class CanopenDriver(Driver):
         self.state_address = self._block.ctypes.data
 
     def _restarted(self) -> str:
-        """Whether the node sent its boot-up message while it was brought up, in words."""
+        """A sentence if the node sent its boot-up message during bring-up."""
         node = self._options.node_id
         if self._monitor is None or node not in self._monitor.booted:
             return ""
-        return (
-            f"node {node} booted while it was brought up, and has lost what was set before: look after its supply, and "
-            "start again"
-        )
+        return f"node {node} booted during bring-up and has lost its settings: check its supply, and start again"
 
     def _prepare(self, drive: Drive) -> None:
         options, block = self._options, self._block
@@ -213,7 +210,7 @@ class CanopenDriver(Driver):
             floats[w.AMPERE_PER_DEMAND] = drive.ampere_per_demand
         block[w.HELD_MASK] = drive.held_mask
         block[w.FOLLOWS] = self._follows
-        block[w.DUE] = self._follows  # what is heard first may be the answer to a SYNC of the bring-up
+        block[w.DUE] = self._follows  # the first sample may be the reply to a SYNC of the bring-up
         block[w.MODE] = block[w.MODE_WANTED] = drive.mode_number
 
     def close(self) -> None:
@@ -229,7 +226,7 @@ class CanopenDriver(Driver):
 
         options, drive, self._drive = self._options, self._drive, None
         healthy = self._block[w.REASON] == 0
-        # A loop that still runs finds the bus closed from here on, and sends nothing between or after these commands.
+        # For a loop that still runs the bus is now closed: it sends nothing between or after these commands.
         self._block[w.REASON] = w.LOST_CLOSED
         try:
             network.send_message(w.RPDO1 + options.node_id, bytes(w.RPDO1_BYTES))
@@ -239,23 +236,23 @@ class CanopenDriver(Driver):
                 release(drive.objects, self._profile, options)
         except Exception as error:
             if drive is not None:
-                log.warning("closing the CAN drive: %s; its own watchdog has to switch it off", error)
+                log.warning("closing the CAN drive: %s; its watchdog must switch it off", error)
         finally:
             with contextlib.suppress(Exception):
                 stop_listening(network)
-            # A call under way must not meet the descriptor's number in another socket's hands.
+            # During a present call the descriptor's number must not be reused by another socket.
             time.sleep(min(self.config.period, _LAST_CALL_S))
             if network.bus is not None:
                 network.bus.shutdown()
 
     def remarks(self) -> list[str]:
-        """Somebody else's SDO reads, and TPDO 1 that no SYNC asked for."""
+        """SDO reads by another client, and TPDO 1 without a SYNC."""
         from drivers.canopen.reasons import remarks
 
         return remarks(self._block)
 
     def describe(self) -> str:
-        """Mode, identity, resolution of the command, and how full the bus is."""
+        """Mode, identity, resolution of the command, and bus load."""
         options = self._options
         load, fastest = options.bus_load(self.config.servo.rate_hz), options.fastest_rate_hz()
         bus = (
@@ -266,4 +263,4 @@ class CanopenDriver(Driver):
             return f"CANopen drive, profile {self._profile.name}, on {bus}"
         step = 1e3 / self._drive.command_per_ampere
         back = "read back" if self._drive.ampere_per_demand is not None else "not read back"
-        return f"CANopen drive, {self._drive.mode}, {step:.3g} mA a step, {back} ({self._drive.identity}), on {bus}"
+        return f"CANopen drive, {self._drive.mode}, {step:.3g} mA per step, {back} ({self._drive.identity}), on {bus}"

@@ -1,7 +1,7 @@
-"""Bring-up: from a drive that has just been switched on to one that follows SYNC and RPDO 1, at zero and disabled.
+"""Bring-up: from a drive that was just switched on to one that responds to SYNC and RPDO 1, at zero current and disabled.
 
-Everything that could bend a command is written *and read back* before the node is started: mode, slopes, limits, fault
-reactions, PDO mapping, watchdog. What the drive says of itself decides the units.
+Everything that could change a command is written *and read back* before the node is started: mode, slopes, limits, fault
+reactions, PDO mapping, watchdog. The units come from objects of the drive.
 """
 
 from __future__ import annotations
@@ -50,21 +50,21 @@ _FIRST_SAMPLE_S: Final = 0.5
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive that has been brought up."""
+    """A drive after bring-up."""
 
     mode: str
     identity: str
     command_per_ampere: float
     ampere_per_actual: float
     ampere_per_demand: float | None
-    """Of the demand that comes back in TPDO 2; None: it does not come."""
+    """Of the demand in TPDO 2; None: it is not in it."""
     mode_number: int
-    """Mode of operation in force, where TPDO 2 brings the drive's own back behind the demand; 0: it does not."""
+    """Expected mode of operation, if TPDO 2 contains the mode after the demand; 0: it does not."""
     held_mask: int
-    """Bit of TPDO 2 that is 1 while a person holds the enable input; 0: none is asked for."""
+    """Bit of TPDO 2 that is 1 while the enable input is held; 0: none is required."""
     objects: Objects
     echoes: bool
-    """The interface gives back the frames that it sends."""
+    """Whether the interface returns the frames that it sends."""
 
 
 def bring_up(
@@ -75,11 +75,11 @@ def bring_up(
     eds: Path,
     config: Config,
 ) -> Drive:
-    """Bring the drive up; it ends operational, at zero and disabled.
+    """Bring the drive up; it is then operational, at zero current and disabled.
 
     Raises:
-        DriverError: another master, no answer, a missing, unmapped or contradictory object, a value that the drive
-            refuses, a transition that does not come; each in words.
+        DriverError: another master, no reply, a missing, unmapped or contradictory object, a value that the drive
+            refuses, or a missing state transition.
         DriverConfigError: the EDS cannot be read.
     """
     node_id = options.node_id
@@ -139,7 +139,7 @@ def release(objects: Objects, profile: Profile, options: Options) -> None:
     """After the last exchange: watchdog off, power stage off.
 
     Raises:
-        DriverError: the drive does not answer, or does not switch off.
+        DriverError: the drive does not reply, or does not switch off.
     """
     objects.expect(there=False)
     _set_watchdog(objects, profile, options, 0)
@@ -165,7 +165,7 @@ def _identify(
         raise
     if device_type & 0xFFFF != _CIA_402:
         raise DriverError(
-            f"node {options.node_id} is no drive: its device type 0x1000 is 0x{device_type:08x}, profile "
+            f"node {options.node_id} is not a drive: its device type 0x1000 is 0x{device_type:08x}, profile "
             f"{device_type & 0xFFFF}; a drive has CiA 402"
         )
     vendor, product, revision, serial = (
@@ -184,7 +184,7 @@ def _identify(
     ):
         if expected and expected != found:
             raise DriverError(
-                f"{what}: the EDS {eds.name} is for 0x{expected:08x}, the drive says 0x{found:08x}: this is not its EDS"
+                f"{what}: the EDS {eds.name} is for 0x{expected:08x}, the drive has 0x{found:08x}: this is not its EDS"
             )
     return f"vendor 0x{vendor:x}, product 0x{product:x}, revision 0x{revision:x}, serial number {serial}"
 
@@ -201,7 +201,7 @@ def _wait_state(objects: Objects, profile: Profile, wanted: tuple[int, ...]) -> 
 
 
 def _disable(objects: Objects, profile: Profile) -> None:
-    """Power stage off, whatever the state; a fault is reset by an edge of bit 7, once."""
+    """Power stage off, from any state; a fault is reset once, by an edge of bit 7."""
 
     def command(word: int) -> None:
         objects.write(profile.controlword, 0, word, "controlword")
@@ -244,7 +244,7 @@ def _set_mode(objects: Objects, mode: Mode) -> None:
 
 
 def _read_back(objects: Objects, options: Options, mode: Mode) -> tuple[Entry, ...]:
-    """The objects of TPDO 2, each where it is to be had: whether commands arrive, and the mode of operation in force."""
+    """The available objects of TPDO 2: the demand, which shows whether commands arrive, and the mode of operation."""
     if mode.demand is None or not options.read_back:
         return ()
     demand = Entry(mode.demand.object, 16, f"demand of {mode.name}")
@@ -257,14 +257,14 @@ def _read_back(objects: Objects, options: Options, mode: Mode) -> tuple[Entry, .
 
 
 def _inputs(objects: Objects, profile: Profile, options: Options) -> tuple[Entry, ...]:
-    """The digital inputs, behind what is read back, where one of them is the enable that a person holds."""
+    """The digital inputs, after the objects that are read back, if one of them is the enable input."""
     if options.enable_bit is None:
         return ()
     inputs = Entry(profile.inputs, 32, "digital inputs")
     if not can_send(objects, inputs):
         raise DriverError(
             f"driver.enable_bit = {options.enable_bit}: the drive, or its EDS, has no digital inputs 0x{profile.inputs:04x} "
-            "that go into TPDO 2, so that a person could hold an enable"
+            "that can be mapped into TPDO 2, so it cannot have an enable input"
         )
     return (inputs,)
 
@@ -320,7 +320,7 @@ def _set_watchdog(objects: Objects, profile: Profile, options: Options, guard_ms
 
 
 def _start(network: canopen.Network, monitor: Monitor, node_id: int, follows: bool) -> None:
-    """NMT start, and a first SYNC, of ours or of the producer that the loop follows, which must bring TPDO 1."""
+    """NMT start, and a first SYNC, own or of the producer that the loop follows, which must cause a TPDO 1."""
     network.send_message(w.NMT, bytes([0x01, node_id]))
     time.sleep(0.01)
     before = monitor.samples
@@ -333,5 +333,5 @@ def _start(network: canopen.Network, monitor: Monitor, node_id: int, follows: bo
         )
     if len(sample) != w.TPDO1_BYTES:
         raise DriverError(
-            f"TPDO 1 of node {node_id} has {len(sample)} bytes, {w.TPDO1_BYTES} are mapped: is the identifier in use twice?"
+            f"TPDO 1 of node {node_id} has {len(sample)} bytes, {w.TPDO1_BYTES} are mapped: is the identifier used twice?"
         )

@@ -1,6 +1,6 @@
-"""Bits on a classic CAN bus: how full the servo loop makes it, and the fastest rate that it allows.
+"""Bits on a classic CAN bus: load by the servo loop, and the highest rate.
 
-Worst-case length of a frame with an 11-bit identifier and n bytes of data, bit stuffing and the interframe space included
+Worst-case length of a frame with an 11-bit identifier and n bytes of data, with bit stuffing and interframe space
 (R. Davis, A. Burns, R. Bril, J. Lukkien, "Controller Area Network (CAN) schedulability analysis: Refuted, revisited and
 revised", Real-Time Systems 35, 2007, eq. 1 with g = 34)::
 
@@ -16,13 +16,13 @@ DEFAULT_WATCHDOG_MS: Final = 100
 BITRATES: Final = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 """Bit rates of CiA 301, bit/s."""
 USABLE: Final = 0.85
-"""Share of the bus that the loop may fill: the rest is for EMCY, and for the time drive and host take to answer."""
+"""Largest bus load by the loop: the rest is for EMCY, and for the response times of drive and host."""
 GUARDS_PER_WATCHDOG: Final = 4
-"""Signs of life within the watchdog's time (life time factor, 0x100D)."""
+"""Guarding messages within the watchdog's time (life time factor, 0x100D)."""
 
 
 def frame_bits(data_bytes: int) -> int:
-    """Worst-case bits of a frame with ``data_bytes`` (0…8) bytes of data, a remote frame being one without."""
+    """Worst-case bits of a frame with ``data_bytes`` (0…8) bytes of data; a remote frame has none."""
     return 34 + 8 * data_bytes + 13 + (34 + 8 * data_bytes - 1) // 4
 
 
@@ -41,7 +41,7 @@ def _guard_bits_per_s(watchdog_ms: float) -> float:
 
 
 def tick_bits(back_bytes: int) -> int:
-    """Bits of one tick at worst, with a TPDO 2 of so many bytes; 0: without one."""
+    """Worst-case bits of one tick, with a TPDO 2 of ``back_bytes`` bytes; 0: without one."""
     return TICK_BITS + (frame_bits(back_bytes) if back_bytes else 0)
 
 
@@ -51,7 +51,7 @@ def bus_load(
     watchdog_ms: float = DEFAULT_WATCHDOG_MS,
     back_bytes: int = READ_BACK_BYTES,
 ) -> float:
-    """Share of the bus that the loop fills at worst, 1 being all of it.
+    """Worst-case bus load by the loop, 1 for a full bus.
 
     Args:
         rate_hz: servo rate, Hz. bitrate: bit/s. watchdog_ms: the drive's watchdog, ms. back_bytes: of TPDO 2.
@@ -62,10 +62,10 @@ def bus_load(
 def fastest_rate_hz(
     bitrate: float = DEFAULT_BITRATE, watchdog_ms: float = DEFAULT_WATCHDOG_MS, back_bytes: int = READ_BACK_BYTES
 ) -> float:
-    """Highest servo rate in Hz that keeps the loop within USABLE of the bus."""
+    """Highest servo rate in Hz with a bus load of at most USABLE."""
     return max(0.0, (USABLE * bitrate - _guard_bits_per_s(watchdog_ms)) / tick_bits(back_bytes))
 
 
 def wire_time_s(bitrate: float = DEFAULT_BITRATE) -> float:
-    """Time in s from the sample (at the end of SYNC) to the command's arrival that the wire takes: TPDO 1 and RPDO 1."""
+    """Transmission time in s from the sample (at the end of SYNC) to the command's arrival: TPDO 1 and RPDO 1."""
     return (frame_bits(8) + frame_bits(4)) / bitrate

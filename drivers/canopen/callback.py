@@ -1,6 +1,6 @@
 """The cyclic exchange through python-can, for interfaces without a descriptor of CAN frames (udp_multicast, slcan, …).
 
-The same supervision as the compiled path, called from Python: late whenever the GIL is busy, so for low rates.
+The same supervision as in the compiled path, called from Python: late when the GIL is busy, so for low rates.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class CallbackExchange:
     """Read and write of one drive over a python-can bus.
 
     Args:
-        bus: nobody else reads it. block: the exchange's memory. echoes: the interface gives our own frames back.
+        bus: not read by others. block: the exchange's memory. echoes: whether the interface returns own frames.
     """
 
     def __init__(self, bus: can.BusABC, block: NDArray[np.int64], *, echoes: bool) -> None:
@@ -47,7 +47,7 @@ class CallbackExchange:
         self._sent: deque[bytes] | None = deque(maxlen=_REMEMBERED) if echoes else None
 
     def read(self, x: NDArray[np.int64]) -> int:
-        """SYNC and its TPDO 1."""
+        """Send SYNC, receive TPDO 1."""
         s = self._block
         for _ in range(_BURST):
             if s[w.REASON] != 0 or not self._receive(0.0):
@@ -66,7 +66,7 @@ class CallbackExchange:
         return int(verdict(s, x, time.monotonic_ns()))
 
     def _listen(self, deadline: int) -> None:
-        """Take in what comes until a TPDO 1 is there, something ends the tick, or the time is over."""
+        """Receive until a TPDO 1 has come, an event ends the tick, or the deadline."""
         while not answered(self._block):
             left = deadline - time.monotonic_ns()
             if left <= 0:
@@ -74,7 +74,7 @@ class CallbackExchange:
             self._receive(1e-9 * left)
 
     def write(self, x: NDArray[np.int64]) -> int:
-        """RPDO 1, then what the drive needs to hear beside it."""
+        """Send RPDO 1, then other due frames to the drive."""
         s, now = self._block, time.monotonic_ns()
         result = int(command(s, x, now))
         if s[w.REASON] in (w.LOST_CLOSED, w.LOST_SOCKET):
@@ -89,7 +89,7 @@ class CallbackExchange:
         return LOST if s[w.REASON] != 0 else result if result != OK else OK
 
     def _receive(self, timeout_s: float) -> bool:
-        """Take in one frame; False when none came."""
+        """Receive one frame; False if there is none."""
         try:
             message = self._bus.recv(timeout_s)
         except (can.CanError, OSError) as error:

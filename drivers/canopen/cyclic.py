@@ -1,7 +1,7 @@
-"""The cyclic exchange on a descriptor, compiled: SYNC, sent or awaited, TPDO 1, and later in the same tick RPDO 1.
+"""The compiled cyclic exchange on a descriptor: SYNC (sent or awaited), TPDO 1, and later in the same tick RPDO 1.
 
 One message on the descriptor is one 16-byte ``struct can_frame``: a SocketCAN raw socket, or a connection of
-``drivers/seqpacket_bus.py``. The sign of life to the drive goes out behind RPDO 1, where nobody waits for it.
+``drivers/seqpacket_bus.py``. The guarding message to the drive is sent after RPDO 1, where it delays nothing.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from hapticd.jit import carray, cfunc, njit
 _SIGNATURE = types.int32(types.CPointer(types.int64), types.CPointer(types.int64))
 _EAGAIN, _ENOBUFS, _EINTR = 11, 105, 4
 _BURST = 64
-"""Frames taken in one go: a bus that babbles must not hold the loop."""
+"""Frames read at once: an overloaded bus must not block the loop."""
 _BACKLOG = 1024
-"""More than a socket holds: after a pause an old SYNC, and its sample, must not be taken for the present one."""
+"""More than a socket's buffer: after a pause an old SYNC and its sample must not be taken for the present ones."""
 _WORD_BYTES = 8
 
 
 @njit("void(int64[::1], int64)", counted=False)
 def _drain(s: NDArray[Any], burst: int) -> None:
-    """Take in what has arrived, without waiting."""
+    """Receive all frames that have arrived, without waiting."""
     for _ in range(burst):
         got = receive(s[w.DESCRIPTOR], s.ctypes.data + _WORD_BYTES * w.FRAME, w.FRAME_BYTES)
         if got == w.FRAME_BYTES:
@@ -59,7 +59,7 @@ def _drain(s: NDArray[Any], burst: int) -> None:
 
 @njit("int64(int64[::1])", counted=False)
 def _send(s: NDArray[Any]) -> int:
-    """Send the frame in OUT: OK, MISSED where there was no room, LOST."""
+    """Send the frame in OUT: OK, MISSED if the buffer is full, LOST."""
     sent = send(s[w.DESCRIPTOR], s.ctypes.data + _WORD_BYTES * w.OUT, w.FRAME_BYTES)
     if sent == w.FRAME_BYTES:
         return OK
@@ -71,7 +71,7 @@ def _send(s: NDArray[Any]) -> int:
 
 @njit("void(int64[::1], int64)", counted=False)
 def _listen(s: NDArray[Any], deadline: int) -> None:
-    """Take in what comes until a TPDO 1 is there, something ends the tick, or the time is over."""
+    """Receive until a TPDO 1 has come, an event ends the tick, or the deadline."""
     scratch = s[w.SCRATCH :]
     while not answered(s):
         if wait_until(scratch, s[w.DESCRIPTOR], POLLIN, deadline) == 0:
@@ -83,7 +83,7 @@ def _listen(s: NDArray[Any], deadline: int) -> None:
 
 @njit("int64(int64[::1], int64[::1], float64)")
 def wait(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
-    """SYNC from the bus, until the exchange's deadline."""
+    """Wait for SYNC from the bus, until the exchange's deadline."""
     scratch = s[w.SCRATCH :]
     while s[w.REASON] == 0 and s[w.EVENT] == 0:
         _drain(s, _BACKLOG)
@@ -96,14 +96,14 @@ def wait(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
             return MISSED
         wait_until(scratch, s[w.DESCRIPTOR], POLLIN, x[X_DEADLINE_NS])
     if s[w.REASON] != 0:
-        # A device that is gone must not make the loop spin.
+        # A lost device must not make the loop run without sleep.
         wait_until(scratch, -1, 0, now_ns(scratch) + int(period_ns))
-    return OK  # what is wrong, read says
+    return OK  # read reports errors
 
 
 @njit("int64(int64[::1], int64[::1], float64)")
 def read(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
-    """SYNC and its TPDO 1; see :func:`drivers.canopen.supervision.verdict` for what it returns."""
+    """Send SYNC, receive TPDO 1; return codes: :func:`drivers.canopen.supervision.verdict`."""
     scratch = s[w.SCRATCH :]
     if s[w.REASON] == 0 and s[w.FOLLOWS] == 0:
         _drain(s, _BURST)
@@ -113,7 +113,7 @@ def read(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
         _listen(s, deadline)
         result = verdict(s, x, now_ns(scratch))
         if result == OK:
-            s[w.SYNCS] = 0  # one that came in this read is the one that was sampled
+            s[w.SYNCS] = 0  # a SYNC received in this read belongs to this sample
         return result
     if not may_sync(s):
         _listen(s, deadline)
@@ -131,7 +131,7 @@ def read(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
 
 @njit("int64(int64[::1], int64[::1], float64)")
 def write(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
-    """RPDO 1, then what the drive needs to hear beside it."""
+    """Send RPDO 1, then other due frames to the drive."""
     now = now_ns(s[w.SCRATCH :])
     result = command(s, x, now)
     if s[w.REASON] == w.LOST_CLOSED or s[w.REASON] == w.LOST_SOCKET:

@@ -1,4 +1,4 @@
-"""An EDS file (CiA 306) as an object dictionary: its size and what it counts are checked before canopen believes them."""
+"""An EDS file (CiA 306) as an object dictionary; file size and entry counts are checked before canopen reads it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _LARGEST_BYTES: Final = 4 << 20
 _MOST_ENTRIES: Final = 254
-"""Sub-indexes 1 to 254: canopen makes as many steps as ``NrOfEntries`` says."""
+"""Sub-indexes 1 to 254; canopen loops over ``NrOfEntries``."""
 
 
 def load_eds(path: Path, node_id: int) -> ObjectDictionary:
@@ -26,7 +26,7 @@ def load_eds(path: Path, node_id: int) -> ObjectDictionary:
         path: the file. node_id: for the COB-IDs that depend on it.
 
     Raises:
-        DriverConfigError: it is no regular file, is too large, or is no EDS.
+        DriverConfigError: it is not a regular file, is too large, or is not an EDS.
     """
     from canopen.objectdictionary import ObjectDictionaryError
     from canopen.objectdictionary.eds import import_eds
@@ -35,7 +35,7 @@ def load_eds(path: Path, node_id: int) -> ObjectDictionary:
     try:
         _check_counts(path, text)
         dictionary: ObjectDictionary = import_eds(io.StringIO(text), node_id)  # type: ignore[no-untyped-call]
-    # What canopen raises for a section without a key, a number that is none, an entry of no array.
+    # Errors of canopen for a missing key, an invalid number, an entry outside an array.
     except (configparser.Error, ObjectDictionaryError, ValueError, LookupError, AttributeError, TypeError) as error:
         words = " ".join(str(error).split()) or type(error).__name__
         raise DriverConfigError(f"driver.eds = {path}: cannot be read as an EDS: {words}") from error
@@ -49,8 +49,8 @@ def _read(path: Path) -> str:
     except OSError as error:
         raise DriverConfigError(f"driver.eds = {path}: {error.strerror}") from None
     if len(data) > _LARGEST_BYTES:
-        raise DriverConfigError(f"driver.eds = {path}: is larger than {_LARGEST_BYTES >> 20} MiB; this is no EDS")
-    # Names may be in the code page of whoever made the drive; everything that counts is ASCII.
+        raise DriverConfigError(f"driver.eds = {path}: is larger than {_LARGEST_BYTES >> 20} MiB; this is not an EDS")
+    # Names may be in the maker's code page; everything used here is ASCII.
     return data.decode("utf-8-sig", errors="replace")
 
 
@@ -58,7 +58,7 @@ def _check_counts(path: Path, text: str) -> None:
     sections = configparser.RawConfigParser(inline_comment_prefixes=(";",))
     sections.read_string(text)
     if not sections.has_section("DeviceInfo"):
-        raise DriverConfigError(f"driver.eds = {path}: has no section [DeviceInfo]; this is no EDS")
+        raise DriverConfigError(f"driver.eds = {path}: has no section [DeviceInfo]; this is not an EDS")
     for section in sections.sections():
         entries = int(sections.get(section, "NrOfEntries", fallback="0"), 0)
         if entries > _MOST_ENTRIES:

@@ -1,6 +1,6 @@
 """Error codes of EMCY and 0x603F in words: the classes of CiA 301 (table 26) and the codes of CiA 402-2.
 
-One table. A code that it has not is read by its family: without the last digit, without the last two, by its class.
+A code that is not in the table is read by its family: without the last digit, without the last two, by its class.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ _MASKS: Final = (0xFFFF, 0xFFF0, 0xFF00, 0xF000)
 def error_code_text(code: int) -> str:
     """An EMCY error code in words, by the nearest entry of its family."""
     for mask in _MASKS:
-        # 0x00xx is "no error" as a whole, and no class of anything.
+        # 0x00xx is "no error", and not a class.
         if (text := _TEXTS.get(code & mask)) is not None and (code & mask or code <= 0xFF):
             return text
     return "in no class of CiA 301"

@@ -1,6 +1,6 @@
-"""Memory of one drive's exchange: which word holds what. Shared by the compiled functions and by Python, one writer each.
+"""Memory layout of one drive's exchange, shared by the compiled functions and by Python, one writer each.
 
-Eight-byte words; those marked ``f64`` are read through the floating-point view of the same memory.
+Eight-byte words; those marked ``f64`` are in the floating-point view of the same memory.
 """
 
 from __future__ import annotations
@@ -9,34 +9,34 @@ from typing import Final
 
 from drivers.libc import SCRATCH as LIBC_SCRATCH
 
-# Set while the drive is brought up.
+# Set during bring-up.
 DESCRIPTOR: Final = 0
 NODE: Final = 1
 REPLY_NS: Final = 2
-"""Time that TPDO 1 may take after SYNC; 0: four fifths of a servo period."""
+"""Longest time of TPDO 1 after SYNC; 0: four fifths of a servo period."""
 GUARD_NS: Final = 3
-"""Interval between two signs of life to the drive, watchdog/4."""
+"""Interval between two guarding messages to the drive, watchdog/4."""
 GUARD_LOW: Final = 4
-"""First word of the frame that is the sign of life: a remote frame (node guarding) or a heartbeat."""
+"""First word of the guarding message: a remote frame (node guarding) or a heartbeat."""
 GUARD_DATA: Final = 5
 GUARD_ANSWERED: Final = 6
-"""1: the drive answers each sign of life (node guarding)."""
+"""1: the drive replies to each guarding message (node guarding)."""
 COMMAND_PER_AMPERE: Final = 7
 """f64: raw target per A."""
 AMPERE_PER_ACTUAL: Final = 8
 """f64: A per raw actual current (or torque)."""
 READ_BACK: Final = 9
-"""1: TPDO 2 brings the demand back on every SYNC."""
+"""1: TPDO 2 contains the demand on every SYNC."""
 AMPERE_PER_DEMAND: Final = 10
 """f64: A per raw demand."""
 MODE_WANTED: Final = 11
-"""Mode of operation that bring-up has set, where TPDO 2 shows the one in force behind the demand; 0: it does not."""
+"""Mode of operation set by bring-up, if TPDO 2 contains the present one after the demand; 0: it does not."""
 HELD_MASK: Final = 12
-"""Bit of TPDO 2's data that is 1 while a person holds the enable input; 0: none is asked for."""
+"""Bit of TPDO 2's data that is 1 while the enable input is held; 0: none is required."""
 FOLLOWS: Final = 13
 """1: SYNC comes from a producer on the bus, and the loop follows it."""
 
-# What the drive said last.
+# Last data of the drive.
 STATUSWORD: Final = 16
 POSITION: Final = 17
 """Signed 32-bit position as in the last TPDO 1."""
@@ -47,7 +47,7 @@ EMCY: Final = 20
 """Error code of the last EMCY, 0 after an error reset."""
 EMCY_EVENT: Final = 21
 ERROR_CODE: Final = 22
-"""Answer to the question for 0x603F, asked when a fault came without an EMCY."""
+"""Value of 0x603F, requested after a fault without an EMCY."""
 ERROR_CODE_ASKED: Final = 23
 
 # The exchange's own memory.
@@ -55,78 +55,78 @@ COUNTS: Final = 24
 LAST_POSITION: Final = 25
 BEGUN: Final = 26
 OWED: Final = 27
-"""1: the last SYNC had no answer yet. TPDOs carry no number: the next tick listens before it sends a SYNC."""
+"""1: the last SYNC has no reply yet. TPDOs have no number, so the next tick listens before it sends a SYNC."""
 WANTED: Final = 29
-"""Enable as asked by the last write."""
+"""Enable as requested by the last write."""
 CONTROLWORD: Final = 30
 STATE_SEEN: Final = 31
 STATE_NS: Final = 32
-"""Since when the state machine has stood in STATE_SEEN while it should move on."""
+"""Time since which the state machine has been in STATE_SEEN although it should change."""
 RESETTING_NS: Final = 33
-"""Instant of the fault reset's edge; 0: none under way."""
+"""Instant of the fault reset's edge; 0: none in progress."""
 FAULT_REPORTED: Final = 34
 STOPPED: Final = 35
 """1: this tick ended in a fault; the command is quick stop."""
 GUARD_SENT_NS: Final = 36
 GUARD_OPEN: Final = 37
-"""1: a guarding reply is outstanding; 2: one came with the wrong toggle bit, which counts as none."""
+"""1: a guarding reply is outstanding; 2: a reply had the wrong toggle bit and is not counted."""
 GUARD_TOGGLE: Final = 38
 """Toggle bit expected next (0 or 0x80); -1: any."""
 GUARD_MISSED: Final = 39
 REASON: Final = 40
-"""Why the drive is lost, for good: LOST_*."""
+"""Why the drive is permanently lost: LOST_*."""
 EVENT: Final = 41
-"""What just went wrong and may pass: EVENT_*."""
+"""Temporary error: EVENT_*."""
 EVENT_TOLD: Final = 42
-"""The last EVENT that ended an exchange, for the error's text."""
+"""The last EVENT that ended an exchange, for the error text."""
 DETAIL: Final = 43
-"""Number that goes with REASON or EVENT: errno, identifier, length, NMT state."""
+"""Number for REASON or EVENT: errno, identifier, length, NMT state."""
 
 STALE: Final = 44
 """TPDO 1 that came too late for their SYNC."""
 IGNORED: Final = 45
-"""Frames that are none of this driver's business."""
+"""Frames for other nodes."""
 
 DEMAND: Final = 46
 """Demand in the last TPDO 2, raw."""
 DEMAND_FRESH: Final = 47
-"""TPDO 2 since the demand was last looked at."""
+"""Whether a TPDO 2 came since the demand was last checked."""
 UNHEARD: Final = 48
-"""Samples in a row whose demand was none of the latest commands, in Operation enabled."""
+"""Samples in a row whose demand was not one of the latest commands, in Operation enabled."""
 COMMANDED: Final = 49
-"""f64: the latest COMMANDS_KEPT commands in A, as the target's steps have them."""
+"""f64: the latest COMMANDS_KEPT commands in A, rounded to the target's steps."""
 COMMANDS_KEPT: Final = 3
-"""The demand of a SYNC is the command before it, or one that the drive took up late; a lost TPDO 2 shows it a tick later."""
+"""The demand of a SYNC is the previous command, or an earlier one if the drive was late or a TPDO 2 was lost."""
 NODE_STOPPED: Final = COMMANDED + COMMANDS_KEPT
-"""1: the node was stopped by NMT, because it does not take its commands."""
+"""1: the node was stopped by NMT, because it does not follow its commands."""
 DEMAND_SEEN: Final = NODE_STOPPED + 1
-"""1: the demand that was looked at last had come since."""
+"""1: the demand checked last was new."""
 SAMPLED: Final = DEMAND_SEEN + 1
-"""1: a TPDO 1 has come since the demand was last looked at."""
+"""1: a TPDO 1 has come since the demand was last checked."""
 
 MODE: Final = SAMPLED + 1
 """Mode of operation in the last TPDO 2; MODE_WANTED before the first."""
 DUE: Final = MODE + 1
-"""SYNCs whose TPDO 1 has not come; 0 again once every SYNC of SURPLUS_NS was answered."""
+"""SYNCs without their TPDO 1; reset to 0 when every SYNC within SURPLUS_NS had a reply."""
 UNANSWERED_NS: Final = DUE + 1
-"""When a tick last ended without a TPDO 1."""
+"""Time at which a tick last ended without a TPDO 1."""
 SAMPLE: Final = UNANSWERED_NS + 1
 """The eight bytes of the last TPDO 1."""
 UNASKED: Final = SAMPLE + 1
-"""TPDO 1 that no SYNC had asked for, ever."""
+"""Total number of TPDO 1 without a SYNC."""
 SURPLUS: Final = UNASKED + 1
-"""The same within SURPLUS_NS: REPEATED for one like that before it, CHANGED for one that says something else."""
+"""The same within SURPLUS_NS, weighted: REPEATED for one equal to that before it, CHANGED for a different one."""
 SURPLUS_SINCE_NS: Final = SURPLUS + 1
 SDO_SEEN: Final = SURPLUS_SINCE_NS + 1
-"""SDO frames to and from our drive, reads all of them, that belong to somebody else's questions."""
+"""SDO frames to and from our drive of another client's read requests."""
 HELD: Final = SDO_SEEN + 1
-"""Whether the enable input was held by the last TPDO 2."""
+"""Whether the enable input was held in the last TPDO 2."""
 HELD_FRESH: Final = HELD + 1
-"""TPDO 2 since the last SYNC; where an enable is asked for, a sample is none without it."""
+"""Whether a TPDO 2 came since the last SYNC; if an enable is required, a sample is incomplete without it."""
 SYNCS: Final = HELD_FRESH + 1
 """SYNC since the loop last waited for one."""
 SYNC_SURPLUS: Final = SYNCS + 1
-"""SYNC that came more than half a period too early, within SURPLUS_NS."""
+"""SYNC more than half a period too early, within SURPLUS_NS."""
 SYNC_SURPLUS_SINCE_NS: Final = SYNC_SURPLUS + 1
 
 SCRATCH: Final = SYNC_SURPLUS_SINCE_NS + 1
@@ -174,14 +174,14 @@ NMT_OPERATIONAL: Final = 5
 TPDO1_BYTES: Final = 8
 RPDO1_BYTES: Final = 4
 UNHEARD_LIMIT: Final = 3
-"""So many samples in a row without a trace of the commands, and the drive is stopped by other means."""
+"""Samples in a row without one of the commands after which the drive is stopped by NMT."""
 REPEATED: Final = 1
 CHANGED: Final = 3
 SURPLUS_LIMIT: Final = 6
-"""Six equal TPDO 1, or two that say something else, and somebody else sends them."""
+"""Six equal TPDO 1, or two different ones, mean another sender."""
 SURPLUS_NS: Final = 1_000_000_000
 GUARD_TRIES: Final = 4
-"""Life time factor: so many signs of life may go missing (0x100D)."""
+"""Life time factor: largest number of missing guarding messages (0x100D)."""
 TRANSITION_NS: Final = 500_000_000
-"""Time that one transition of the state machine may take."""
+"""Longest time of one transition of the state machine."""
 FAULT_RESET_NS: Final = 200_000_000

@@ -1,4 +1,4 @@
-"""The drive's objects by SDO: read, write and verify, with errors that say what the EDS and the drive disagree about."""
+"""The drive's objects by SDO: read, write and verify, with errors for differences between EDS and drive."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from drivers.canopen.profile import Setting
 from drivers.interface import DriverError
 
 ABSENT: Final = frozenset({0x06020000, 0x06090011})
-"""SDO abort codes of an object or sub-index that is not there (CiA 301, table 22)."""
+"""SDO abort codes of an object or sub-index that does not exist (CiA 301, table 22)."""
 SDO_TIMEOUT_S: Final = 0.5
-"""Asked twice within it, a node is there or it is not."""
+"""Time-out while it is not known whether the node exists; two attempts."""
 SLOW_S: Final = 3.0
-"""A node that is there may store, or look something up, for so long; asked again meanwhile it would answer twice."""
+"""Time-out of a node that exists and may be slow; one attempt, because it would reply to both."""
 
 
 class Objects:
@@ -33,7 +33,7 @@ class Objects:
         self.expect(there=False)
 
     def expect(self, *, there: bool) -> None:
-        """Whether the node is known to be there: then its answers may take their time."""
+        """Select the time-out: `SLOW_S` if the node is known to exist, else `SDO_TIMEOUT_S`."""
         self._node.sdo.RESPONSE_TIMEOUT = SLOW_S if there else SDO_TIMEOUT_S
         self._node.sdo.MAX_RETRIES = 1 if there else 2
 
@@ -42,23 +42,23 @@ class Objects:
         return self._node.object_dictionary.get_variable(index, sub) is not None
 
     def variable(self, index: int, sub: int, what: str) -> ODVariable:
-        """The object as the EDS describes it.
+        """The object's description in the EDS.
 
         Raises:
-            DriverError: the EDS lacks it, or it is no whole number.
+            DriverError: it is missing in the EDS, or not an integer.
         """
         variable = self._node.object_dictionary.get_variable(index, sub)
         if variable is None:
             raise DriverError(f"{what} ({_name(index, sub)}) is missing in the EDS {self._eds}")
         if variable.data_type not in INTEGER_TYPES:
-            raise DriverError(f"{what} ({_name(index, sub)}) is no whole number in the EDS {self._eds}")
+            raise DriverError(f"{what} ({_name(index, sub)}) is not an integer in the EDS {self._eds}")
         return variable
 
     def read(self, index: int, sub: int, what: str) -> int:
         """The object's value.
 
         Raises:
-            DriverError: no answer, an object that is not there, or a size that is not the EDS's.
+            DriverError: no reply, an object that does not exist, or another size than in the EDS.
         """
         variable = self.variable(index, sub, what)
         try:
@@ -71,7 +71,7 @@ class Objects:
         if 8 * len(data) != len(variable):
             raise DriverError(
                 f"{what} ({_name(index, sub)}) has {len(variable) // 8} bytes in the EDS {self._eds}, but the drive "
-                f"answers {len(data)}: this is not the drive's EDS"
+                f"sends {len(data)}: this is not the drive's EDS"
             )
         return int(variable.decode_raw(data))
 
@@ -79,7 +79,7 @@ class Objects:
         """Write the object.
 
         Raises:
-            DriverError: no answer, an object that is not there, or a value that the drive refuses.
+            DriverError: no reply, an object that does not exist, or a value that the drive refuses.
         """
         variable = self.variable(index, sub, what)
         try:
@@ -119,7 +119,7 @@ class Objects:
         return True
 
     def apply(self, settings: tuple[Setting, ...]) -> None:
-        """Write and verify the settings of a profile, leaving out optional ones that are not there."""
+        """Write and verify the settings of a profile, without optional ones that do not exist."""
         for item in settings:
             if not item.optional or self.present(item.object, item.sub, item.what):
                 self.set(item.object, item.sub, item.value, item.what)
@@ -138,7 +138,7 @@ class Objects:
         sdo = self._node.sdo
         twice = ", twice" if sdo.MAX_RETRIES > 1 else ""
         waited = f"{sdo.RESPONSE_TIMEOUT:g} s{twice}"
-        return DriverError(f"node {self._node.id} gave no answer about {what} ({_name(index, sub)}) within {waited}")
+        return DriverError(f"node {self._node.id} sent no reply for {what} ({_name(index, sub)}) within {waited}")
 
 
 def _name(index: int, sub: int) -> str:

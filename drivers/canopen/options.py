@@ -1,4 +1,4 @@
-"""The driver's options: what stands beside ``driver.name`` in the config."""
+"""The driver's options in the config."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from drivers.canopen import bus_load
 from drivers.interface import PROCESSING_S, DriverConfigError
 
 COMPILED_INTERFACES: Final = ("socketcan", "unix_seqpacket")
-"""python-can interfaces with a descriptor that carries ``struct can_frame``; all others go through Python."""
+"""python-can interfaces with a descriptor for ``struct can_frame``; all others run through Python."""
 WIRELESS_INTERFACES: Final = ("unix_seqpacket", "udp_multicast", "virtual")
-"""Interfaces between processes: frames take no time on a wire."""
+"""Interfaces between processes, without transmission time."""
 _WIRELESS_CHANNELS: Final = ("vcan", "vxcan")
-"""The kernel's virtual CAN interfaces, by the names that Linux gives them."""
+"""Name prefixes of Linux's virtual CAN interfaces."""
 _WATCHDOG_MS: Final = (bus_load.GUARDS_PER_WATCHDOG, 60_000)
 _REPLY_PART: Final = 0.8
 
@@ -35,19 +35,18 @@ class Options:
     profile: str = "copley"
     """``copley``, ``cia402`` or the path of a YAML file."""
     eds: str | None = None
-    """Path of an EDS file; None: the profile's."""
+    """Path of an EDS file; None: that of the profile."""
     watchdog_ms: int = bus_load.DEFAULT_WATCHDOG_MS
     reply_timeout_s: float | None = None
-    """Time that TPDO 1 may take after SYNC, s; None: four fifths of a servo period."""
+    """Longest time of TPDO 1 after SYNC, s; None: four fifths of a servo period."""
     latency_s: float | None = None
-    """Declared sample-to-current latency, s; None: what the wire takes."""
+    """Declared sample-to-current latency, s; None: transmission and processing times."""
     read_back: bool = True
-    """Have the drive's demand and mode come back on every SYNC (TPDO 2), where the profile names them and the drive has
-    them."""
+    """Read the drive's demand and mode back on every SYNC (TPDO 2), if the profile names them and the drive has them."""
     enable_bit: int | None = None
-    """Bit of the drive's digital inputs (0x60FD) that is 1 while a person holds the enable; ``safety.enable`` needs it."""
+    """Bit of the drive's digital inputs (0x60FD) that is 1 while the enable is held; ``safety.enable`` needs it."""
     rated_current: float | None = None
-    """Rated current of the motor in A: what 1000 ‰ are, where the drive says it in another unit or not at all."""
+    """Rated current of the motor in A (1000 ‰), if the drive has it in another unit or not at all."""
     rated_torque: float | None = None
     """Rated torque of the motor, N m (or N), likewise."""
     bus: dict[str, Any] = field(default_factory=dict)
@@ -98,7 +97,7 @@ class Options:
 
     @property
     def wireless(self) -> bool:
-        """Whether frames take no time on a wire: an interface between processes, or a virtual one of the kernel."""
+        """Whether there is no transmission time: an interface between processes, or a virtual one of the kernel."""
         virtual = self.interface == "socketcan" and self.channel.startswith(_WIRELESS_CHANNELS)
         return virtual or self.interface in WIRELESS_INTERFACES
 
@@ -109,17 +108,17 @@ class Options:
 
     @property
     def back_bytes(self) -> int:
-        """Bytes of TPDO 2 at most; 0: there is none."""
+        """Largest number of bytes of TPDO 2; 0: there is none."""
         inputs = bus_load.INPUTS_BYTES if self.enable_bit is not None else 0
         return inputs + (bus_load.READ_BACK_BYTES if self.read_back else 0)
 
     @property
     def eds_path(self) -> Path | None:
-        """The EDS that the config names."""
+        """The EDS in the config."""
         return None if self.eds is None else Path(os.path.expanduser(self.eds))  # noqa: PTH111 - raises for no user
 
     def bus_load(self, rate_hz: float) -> float:
-        """Share of the bus that a servo rate in Hz fills."""
+        """Bus load at a servo rate in Hz."""
         return bus_load.bus_load(rate_hz, self.bitrate, self.watchdog_ms, self.back_bytes)
 
     def fastest_rate_hz(self) -> float:
@@ -127,7 +126,7 @@ class Options:
         return bus_load.fastest_rate_hz(self.bitrate, self.watchdog_ms, self.back_bytes)
 
     def check_rate(self, rate_hz: float) -> str | None:
-        """Why a servo rate in Hz cannot be had (bus too slow for it, drive's watchdog too quick); None where it can."""
+        """Why a servo rate in Hz is not possible (bus too slow, drive's watchdog too short); None if it is."""
         fastest = self.fastest_rate_hz()
         if rate_hz > fastest:
             without = bus_load.fastest_rate_hz(
@@ -143,7 +142,7 @@ class Options:
         if rate_hz < slowest:
             needed = bus_load.GUARDS_PER_WATCHDOG * math.ceil(1e3 / rate_hz)
             return (
-                f"servo.rate_hz = {rate_hz:g} Hz: the loop must give the drive a sign of life every {self.guard_ms} ms "
+                f"servo.rate_hz = {rate_hz:g} Hz: the loop must send a guarding message every {self.guard_ms} ms "
                 f"(a quarter of driver.watchdog_ms = {self.watchdog_ms}), and one period is {1e3 / rate_hz:g} ms; set "
                 f"driver.watchdog_ms to {needed} or more, or servo.rate_hz to {slowest:g} Hz or more"
             )
@@ -156,7 +155,7 @@ class Options:
         return None
 
     def declared_latency_s(self) -> float:
-        """Sample-to-current latency in s: the one declared, or TPDO 1 and RPDO 1 on the wire, if any, and processing.
+        """Sample-to-current latency in s: as declared, or transmission of TPDO 1 and RPDO 1, if any, plus processing.
 
         A sample that needs the inputs waits for TPDO 2 as well.
         """

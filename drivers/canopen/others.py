@@ -1,7 +1,7 @@
-"""What shows that somebody else is on the bus: samples that no SYNC asked for, and SDO that is not ours; compiled.
+"""Detection of other senders on the bus, compiled: samples without a SYNC, and SDO frames of another client.
 
-CAN frames carry no sender. A TPDO 1 that came without a SYNC, and an SDO answer without a question of ours, are all that a
-third party leaves behind on a link that passes on only what the drive sends. docs/decisions/0077-somebody-else-on-the-bus.md
+CAN frames do not contain their sender. On a link that forwards only the drive's frames, a TPDO 1 without a SYNC and an SDO
+reply without an own request are the only traces of another sender. docs/decisions/0077-somebody-else-on-the-bus.md
 """
 
 from __future__ import annotations
@@ -13,18 +13,19 @@ from numpy.typing import NDArray
 from drivers.canopen import layout as w
 from hapticd.jit import njit
 
-# Command bytes of SDO (CiA 301, 7.2.4.3). The answers stand for themselves: segments of a block upload carry a number here.
+# Command bytes of SDO (CiA 301, 7.2.4.3). Only of replies that are unambiguous: segments of a block upload have a number
+# here.
 _DOWNLOADED = 0x60
 _BLOCK_BEGUN = (0xA0, 0xA4)
 _SEGMENTS_TAKEN = (0x20, 0x30)
 _DOWNLOAD_SEGMENT, _DOWNLOAD, _BLOCK_DOWNLOAD = 0, 1, 6
 UNNAMED = -1
-"""In place of an object: the frame belongs to a transfer whose beginning was not seen."""
+"""Instead of an object: the frame belongs to a transfer whose beginning was not received."""
 
 
 @njit("void(int64[::1], int64, int64)", counted=False)
 def lose(s: NDArray[Any], reason: int, detail: int) -> None:
-    """The drive is lost for good; the first reason is kept."""
+    """Mark the drive as permanently lost; the first reason is kept."""
     if s[w.REASON] == 0:
         s[w.REASON] = reason
         s[w.DETAIL] = detail
@@ -32,7 +33,7 @@ def lose(s: NDArray[Any], reason: int, detail: int) -> None:
 
 @njit("void(int64[::1], int64, int64)", counted=False)
 def note(s: NDArray[Any], event: int, detail: int) -> None:
-    """Something went wrong that ends this tick, and may pass; the first is kept."""
+    """Record a temporary error, which ends this tick; the first one is kept."""
     if s[w.EVENT] == 0 and s[w.REASON] == 0:
         s[w.EVENT] = event
         s[w.DETAIL] = detail
@@ -40,7 +41,7 @@ def note(s: NDArray[Any], event: int, detail: int) -> None:
 
 @njit("void(int64[::1], int64)", counted=False)
 def take_sample(s: NDArray[Any], data: int) -> None:
-    """Count a TPDO 1: as the answer to a SYNC, however late, or as one that none asked for."""
+    """Count a TPDO 1: as the reply to a SYNC, also a late one, or as one without a SYNC."""
     s[w.FRESH] += 1
     if s[w.DUE] > 0:
         s[w.DUE] -= 1
@@ -52,14 +53,14 @@ def take_sample(s: NDArray[Any], data: int) -> None:
 
 @njit("boolean(int64[::1], int64)", counted=False)
 def too_many_samples(s: NDArray[Any], now_ns: int) -> bool:
-    """At the end of a tick: whether more TPDO 1 have come without a SYNC than a bus that repeats a frame explains.
+    """At the end of a tick: whether there were more TPDO 1 without a SYNC than repeated frames of a bus explain.
 
-    A late TPDO and the next one in the same tick are the answers to two SYNCs, and no surplus.
+    A late TPDO and the next one in the same tick are the replies to two SYNCs, and not a surplus.
     """
     if s[w.FRESH] == 0:
         s[w.UNANSWERED_NS] = now_ns
     elif now_ns - s[w.UNANSWERED_NS] > w.SURPLUS_NS:
-        s[w.DUE] = 0  # what was to come is lost, not late
+        s[w.DUE] = 0  # missing replies are lost, not late
     if s[w.SURPLUS] >= w.SURPLUS_LIMIT:
         s[w.SURPLUS] = 0
         return True
@@ -72,7 +73,7 @@ def too_many_samples(s: NDArray[Any], now_ns: int) -> bool:
 
 @njit("void(int64[::1], int64)", counted=False)
 def foreign_answer(s: NDArray[Any], data: int) -> None:
-    """An SDO answer of our drive that we did not ask for: a write that it confirms is the end, all else is counted."""
+    """An SDO reply of our drive to another client: a confirmed write is an error, everything else is counted."""
     command = data & 0xFF
     if command == _DOWNLOADED or command in _BLOCK_BEGUN:
         lose(s, w.LOST_WRITTEN, (data >> 8) & 0xFFFFFF)
@@ -84,7 +85,7 @@ def foreign_answer(s: NDArray[Any], data: int) -> None:
 
 @njit("void(int64[::1], int64)", counted=False)
 def foreign_request(s: NDArray[Any], data: int) -> None:
-    """An SDO request to our drive, which is never ours: a write is the end, all else is counted."""
+    """An SDO request of another client to our drive: a write is an error, everything else is counted."""
     kind = (data & 0xFF) >> 5
     if kind == _DOWNLOAD or (kind == _BLOCK_DOWNLOAD and data & 1 == 0):
         lose(s, w.LOST_WRITTEN, (data >> 8) & 0xFFFFFF)

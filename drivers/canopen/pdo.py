@@ -1,4 +1,4 @@
-"""PDO mapping: TPDO 1 (and 2, what comes back) on every SYNC, RPDO 1 applied on receipt, all others off; all of it verified.
+"""PDO mapping: TPDO 1 (and 2, for read-back) on every SYNC, RPDO 1 applied on receipt, all others off; all verified.
 
 The order is that of CiA 301, 7.5.2.36: switch the PDO off, set the number of mapped objects to 0, write the entries, set
 the number, then the transmission type, then switch it on.
@@ -42,15 +42,15 @@ def map_pdos(
     Args:
         objects: the drive. node_id: its number. sample, command: the objects of TPDO 1 and RPDO 1, in order.
         back: the objects of TPDO 2, in order; none: no TPDO 2.
-        deadline_ms: within which RPDO 1 must come again (0x1400:5), where the drive watches that.
+        deadline_ms: longest time between two RPDO 1 (0x1400:5), if the drive supervises it.
 
     Raises:
-        DriverError: an object cannot be mapped, or the drive keeps something else than was written.
+        DriverError: an object cannot be mapped, or the drive keeps another value.
     """
     _check_entries(objects, sample, "TPDO 1")
     _check_entries(objects, command, "RPDO 1")
     _check_entries(objects, back, "TPDO 2")
-    for entry in sample:  # a drive may take the mapping of what it has not, and send less
+    for entry in sample:  # a drive may accept the mapping of a missing object, and send less
         objects.read(entry.index, 0, entry.what)
     for number in range(_PDOS):
         for base, name in ((0x1400, "RPDO"), (0x1800, "TPDO")):
@@ -71,7 +71,7 @@ def map_pdos(
 
 
 def set_deadline(objects: Objects, deadline_ms: int) -> None:
-    """Have the drive watch that RPDO 1 keeps coming (event timer, CiA 301, 7.5.2.35), where it can; 0: no longer.
+    """Set the drive's supervision of RPDO 1 (event timer, CiA 301, 7.5.2.35), if it has one; 0: off.
 
     Raises:
         DriverError: the drive keeps another time.
@@ -81,7 +81,7 @@ def set_deadline(objects: Objects, deadline_ms: int) -> None:
 
 
 def can_send(objects: Objects, entry: Entry) -> bool:
-    """Whether EDS and drive have an object that may go into TPDO 2, and a TPDO 2."""
+    """Whether EDS and drive have a TPDO 2, and an object that can be mapped into it."""
     return all(
         objects.present(*what) for what in ((entry.index, 0, entry.what), (0x1801, 1, "COB-ID of TPDO 2"))
     ) and bool(objects.variable(entry.index, 0, entry.what).pdo_mappable)
@@ -108,6 +108,6 @@ def _map(objects: Objects, index: int, cob_id: int, kind: int, entries: tuple[En
         objects.set(mapping, sub, value, f"mapping of {entry.what} (0x{entry.index:04x}) into {pdo}")
     objects.set(mapping, 0, len(entries), f"number of objects in {pdo}")
     objects.set(index, 2, kind, f"transmission type of {pdo}")
-    # Whether remote frames may ask for it is the drive's own affair.
+    # The bit for remote requests is not changed.
     kept = objects.read(index, 1, f"COB-ID of {pdo}") & _NO_RTR
     objects.set(index, 1, cob_id | kept, f"COB-ID of {pdo}")

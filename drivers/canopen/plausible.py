@@ -1,7 +1,7 @@
-"""Plausibility of what a drive says: rated values, limits, encoder and step, against each other and against the config.
+"""Plausibility of a drive's data: rated values, limits, encoder and step, compared with each other and with the config.
 
-A drive that counts in another unit than its profile says, or that was set up for another motor, turns every command into a
-multiple of what was meant. Nothing on the bus would show it: the demand comes back in the same wrong unit.
+A drive with another unit than in its profile, or configured for another motor, multiplies every command by a factor. Nothing
+on the bus would show it: the demand is read back in the same wrong unit.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 LEAST: Final = 0.5
 MOST: Final = 5.0
-"""The rated current may be so many times ``amplifier.continuous_current``: less would be an overload asked for in plain
-words, more is a drive far too large, or a unit."""
+"""Range of the rated current over ``amplifier.continuous_current``: less is an overload, more is a drive that is far too
+large, or a wrong unit."""
 AGREE: Final = 0.1
-"""Two statements of the same thing may differ by so much."""
+"""Largest relative difference of two values of the same quantity."""
 LIMIT_RAISED: Final = 5.0
-"""So many times may the config raise a limit that the drive came with."""
+"""Largest factor by which the config may raise a limit stored in the drive."""
 FEWEST_STEPS: Final = 30.0
-"""Steps of the command up to the peak current."""
+"""Fewest steps of the command up to the peak current."""
 _ENCODER_AGREE: Final = 1e-3
 _NEAR: Final = 1.6
 
@@ -48,13 +48,13 @@ _FORCE: Final = (("N", 1.0), ("0.1 N", 0.1), ("cN", 1e-2), ("mN", 1e-3), ("0.1 m
 
 @dataclass(frozen=True)
 class _Rating:
-    """One rated value: the object's number, the units that it may be in (SI first), and what the config states of it."""
+    """One rated value: the object's number, its possible units (SI first), and the value in the config."""
 
     what: str
     raw: int
     units: tuple[tuple[str, float], ...]
     unit: str
-    """The one that the profile says, of CiA 402."""
+    """The one of the profile and of CiA 402."""
     key: str
     stated: float | None
     per_ampere: float
@@ -62,7 +62,7 @@ class _Rating:
 
     @property
     def value(self) -> float:
-        """SI: as stated, else as the drive says."""
+        """In SI units: from the config, else from the drive."""
         return self.raw * dict(self.units)[self.unit] if self.stated is None else self.stated
 
     @property
@@ -76,35 +76,35 @@ class _Rating:
         return f"{self.what} = {self.raw} {self.unit}"
 
     def likely(self, current: float) -> str | None:
-        """The unit in which the number is nearest to a current in A, if it comes near, in words."""
+        """A sentence on the unit in which the number is near a current in A; None if there is none."""
         wanted = current * self.per_ampere
         name, scale = min(self.units, key=lambda unit: abs(math.log(self.raw * unit[1] / wanted)))
         if self.stated is not None or name == self.unit or not 1.0 / _NEAR < self.raw * scale / wanted < _NEAR:
             return None
         current = self.raw * scale / self.per_ampere
-        return f"{self.raw} {name} would be {current:.3g} A, so the drive most likely counts in {name}"
+        return f"{self.raw} {name} would be {current:.3g} A, so the drive's unit is most likely {name}"
 
     def check_stated(self) -> None:
-        """What the config states must be the drive's number in some unit."""
+        """Check that the config's value is the drive's number in some unit."""
         if self.raw == 0:
-            raise DriverError(f"{self.what} is 0: the motor is not set up in the drive, so its ‰ mean nothing")
+            raise DriverError(f"{self.what} is 0: the motor is not configured in the drive, so its ‰ have no meaning")
         if self.stated is None or any(abs(self.raw * scale / self.stated - 1.0) <= AGREE for _, scale in self.units):
             return
         raise DriverError(
-            f"{self}, but {self.what} = {self.raw} is that in none of {', '.join(name for name, _ in self.units)}: one of "
+            f"{self}, but {self.what} = {self.raw} is not so in any of {', '.join(name for name, _ in self.units)}: one of "
             "the two is for another motor"
         )
 
     def check_usual(self, usual: float, key: str) -> None:
-        """What only the drive says, against the current of a key of the amplifier, A; 0: none."""
+        """Compare a value of the drive only with the current of a key of the amplifier, A; 0: none."""
         if self.stated is not None or usual == 0.0 or LEAST <= self.current / usual <= MOST:
             return
         guess = self.likely(usual) or f"In no usual unit would it be near {usual:g} A"
         raise DriverError(
             f"{self} is a rated current of {self.current:.3g} A, {self.current / usual:.3g} times "
-            f"{key} = {usual:g} A; {LEAST:g} to {MOST:g} times are believed, for a drive that means {usual:g} A by it makes "
-            f"{usual / self.current:.3g} times of every current that is commanded. {guess}. Correct the object or the "
-            f"config, or state what the motor's data sheet says as driver.{self.key} (in {self.units[0][0]})"
+            f"{key} = {usual:g} A; {LEAST:g} to {MOST:g} times are allowed, because a drive that means {usual:g} A makes "
+            f"{usual / self.current:.3g} times every commanded current. {guess}. Correct the object or the "
+            f"config, or give the value of the motor's data sheet as driver.{self.key} (in {self.units[0][0]})"
         )
 
 
@@ -112,11 +112,11 @@ def rated_values(current: int | None, torque: int | None, options: Options, conf
     """The drive's rated values, checked against each other and against the config.
 
     Args:
-        current, torque: objects 0x6075 (mA) and 0x6076 (0.001 N m or N) as read; None where the drive has none.
-        options: of the driver; its rated values go before the drive's. config: amplifier and kind of axis.
+        current, torque: objects 0x6075 (mA) and 0x6076 (0.001 N m or N) as read; None if the drive has none.
+        options: of the driver; its rated values have priority over the drive's. config: amplifier and kind of axis.
 
     Raises:
-        DriverError: with the object, its value, what it would mean, the config's key, and the unit that would fit.
+        DriverError: with the object, its value, its meaning, the config's key, and the unit that would fit.
     """
     constant = config.amplifier.torque_constant
     key, usual = _usual(config)
@@ -159,7 +159,7 @@ def _units(profile: str, changed_ns: int) -> frozenset[str]:
 
 
 def declared_step(options: Options, config: Config) -> float:
-    """The coarsest step of the command that bring-up lets through, A; exact where the config states the rated values.
+    """The largest step of the command that bring-up accepts, A; exact if the config has the rated values.
 
     Raises:
         DriverConfigError: there is no such profile.
@@ -174,7 +174,7 @@ def declared_step(options: Options, config: Config) -> float:
 
 
 def _usual(config: Config) -> tuple[str, float]:
-    """What a rated current is held against: the config's key in words, and A; 0 without any limit."""
+    """The current that a rated current is compared with: the config's key in words, and A; 0 without any limit."""
     amplifier = config.amplifier
     if amplifier.continuous_current:
         return "amplifier.continuous_current", amplifier.continuous_current
@@ -182,16 +182,16 @@ def _usual(config: Config) -> tuple[str, float]:
 
 
 def check_limit(what: str, index: int, raw: int, found: float, key: str, asked: float) -> None:
-    """Refuse to raise a limit that the drive came with by more than a factor: commissioning set it for this motor.
+    """Refuse to raise a limit stored in the drive by more than `LIMIT_RAISED`: it was set for this motor.
 
     Raises:
         DriverError: with both currents in A.
     """
     if found > 0.0 and asked > LIMIT_RAISED * found:
         raise DriverError(
-            f"amplifier.{key} = {asked:g} A is {asked / found:.3g} times the limit that the drive came with: {what} "
-            f"(0x{index:04x}) = {raw}, {found:g} A. No more than {LIMIT_RAISED:g} times are believed: is the config in mA? "
-            "Else set the drive's own limit up for this motor first"
+            f"amplifier.{key} = {asked:g} A is {asked / found:.3g} times the limit stored in the drive: {what} "
+            f"(0x{index:04x}) = {raw}, {found:g} A. At most {LIMIT_RAISED:g} times are allowed: is the config in mA? "
+            "Else set the drive's limit for this motor first"
         )
 
 
@@ -204,7 +204,7 @@ def check_max_torque(index: int, raw: int, limit: float, peak: float | None) -> 
     if peak and limit < (1.0 - AGREE) * peak:
         raise DriverError(
             f"max torque 0x{index:04x} = {raw} ‰ clips the command at {limit:.3g} A, and amplifier.peak_current is {peak:g} "
-            "A: theory and trips would reckon with a current that never comes; raise the one or lower the other"
+            "A: theory and trips would assume a current that is never reached; raise the first or lower the second"
         )
 
 
@@ -221,7 +221,7 @@ def check_encoder(index: int, increments: int, turns: int, counts_per_rev: float
     if abs(ratio - 1.0) <= _ENCODER_AGREE:
         return
     lines = any(abs(ratio / usual - 1.0) < _ENCODER_AGREE for usual in (4.0, 0.25))
-    why = "one of the two counts lines, which have 4 edges each" if lines else "one of the two is for another encoder"
+    why = "one of the two counts lines, with 4 edges each" if lines else "one of the two is for another encoder"
     raise DriverError(
         f"position encoder resolution 0x{index:04x} is {increments} counts in {turns} revolutions, {own:g} counts/rev; "
         f"encoder.counts_per_rev is {counts_per_rev:g}: {why}"
@@ -229,7 +229,7 @@ def check_encoder(index: int, increments: int, turns: int, counts_per_rev: float
 
 
 def check_step(target: str, step: float, peak: float | None) -> None:
-    """Refuse a step of the command that leaves too few of them up to the peak current.
+    """Refuse a step of the command with too few steps up to the peak current.
 
     Raises:
         DriverError: with both currents in A.

@@ -1,6 +1,6 @@
-"""Vendor profiles: what a drive's objects are called and what they mean, in a YAML file instead of in the code.
+"""Vendor profiles: a drive's objects and their meaning, in a YAML file.
 
-``profiles/copley.yaml`` and ``profiles/cia402.yaml`` ship with the driver; another vendor is another file
+The driver contains ``profiles/copley.yaml`` and ``profiles/cia402.yaml``; for another vendor write another file
 (``driver.profile: /path/of/mine.yaml``). Every key is described in docs/reference/canopen-profile.md.
 """
 
@@ -36,18 +36,18 @@ class Setting(_Part):
     what: str
     """Name with the unit, for error texts."""
     optional: bool = False
-    """Skipped where the EDS or the drive does not have it."""
+    """Skipped if the EDS or the drive does not have it."""
 
 
 class Quantity(_Part):
-    """An object that holds a current or a torque, and its unit."""
+    """An object with a current or a torque, and its unit."""
 
     object: Index
     unit: Unit
 
 
 class LimitSetting(_Part):
-    """A limit of the drive that is set from a key of the config's amplifier section."""
+    """A limit of the drive, set from a key of the config's amplifier section."""
 
     object: Index
     key: Literal["peak_current", "continuous_current", "peak_time_s"]
@@ -57,25 +57,25 @@ class LimitSetting(_Part):
 
 
 class Mode(_Part):
-    """One way of commanding a current."""
+    """One mode in which a current can be commanded."""
 
     name: str
     requires_mode: Annotated[int, Field(ge=1, le=32)] | None = None
     """Number of the mode of operation that the drive's supported modes must offer."""
     target: Quantity
     demand: Quantity | None = None
-    """Object that shows the command in force, behind limits and slopes; read back on every SYNC where the drive has it."""
+    """Object with the demand after limits and slopes; read back on every SYNC if the drive has it."""
     settings: tuple[Setting, ...] = ()
     display: Index | None = None
-    """Object that shows the mode of operation in force; it must become ``requires_mode``."""
+    """Object with the present mode of operation; it must become ``requires_mode``."""
 
 
 class Profile(_Part):
-    """Everything the driver needs to know of a drive."""
+    """Description of a kind of drive."""
 
     name: str
     eds: str | None = None
-    """EDS beside the profile's file, unless ``driver.eds`` names another."""
+    """EDS in the folder of the profile, unless ``driver.eds`` names another."""
     vendor_id: int | None = None
     """Vendor-ID (0x1018:1) that the drive must have; null: any."""
     controlword: Index = 0x6040
@@ -91,9 +91,9 @@ class Profile(_Part):
     rated_torque: Index | None = None
     """Object in 0.001 N m."""
     max_torque: Index | None = 0x6072
-    """Object in ‰ of the rated torque at which the drive clips its target."""
+    """Object with the limit of the target, ‰ of the rated torque."""
     encoder_resolution: Index | None = 0x608F
-    """Counts (sub 1) in revolutions (sub 2) of the encoder behind ``position``; null: another encoder than the motor's."""
+    """Counts (sub 1) per revolutions (sub 2) of the encoder of ``position``; null: not the motor's encoder."""
     slopes: tuple[Setting, ...] = ()
     limits: tuple[LimitSetting, ...] = ()
     reactions: tuple[Setting, ...] = ()
@@ -132,7 +132,7 @@ def load_profile(name: str) -> tuple[Profile, Path | None]:
 
 
 def _tuples(data: Any) -> Any:
-    """Lists as tuples: strict checking takes nothing else for a tuple."""
+    """Lists as tuples, because strict checking accepts only tuples."""
     if isinstance(data, dict):
         return {key: _tuples(value) for key, value in data.items()}
     return tuple(_tuples(value) for value in data) if isinstance(data, list) else data

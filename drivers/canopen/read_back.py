@@ -1,7 +1,7 @@
-"""Whether the drive takes its commands: what comes back in TPDO 2 against the latest commands and the mode, compiled.
+"""Whether the drive follows its commands, compiled: comparison of TPDO 2 with the latest commands and the mode.
 
-A drive that hears SYNC and guarding, but no RPDO, keeps its last current, and nothing else would notice. As long as the
-commands do not change that current is the right one; once they do, the demand shows it.
+A drive that receives SYNC and guarding, but no RPDO, keeps its last current without any other sign. While the commands do
+not change, that current is right; when they change, the demand shows the difference.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _NMT_STOP = 2
 
 @njit("boolean(int64[::1])", counted=False)
 def _follows(s: NDArray[Any]) -> bool:
-    """Whether the drive's demand is one of the latest commands, to a step and a half; or less than one, at a limit."""
+    """Whether the drive's demand is one of the latest commands, within a step and a half; or smaller, at a limit."""
     f = s.view(np.float64)
     demand = s[w.DEMAND] * f[w.AMPERE_PER_DEMAND]
     step = 1.5 * max(f[w.AMPERE_PER_DEMAND], 1.0 / f[w.COMMAND_PER_AMPERE])
@@ -39,15 +39,15 @@ def _follows(s: NDArray[Any]) -> bool:
 
 @njit("boolean(int64[::1])", counted=False)
 def other_mode(s: NDArray[Any]) -> bool:
-    """Whether the drive, in Operation enabled, is in another mode of operation than the one that bring-up has set."""
+    """Whether the drive, in Operation enabled, is in another mode of operation than that set by bring-up."""
     return bool(s[w.MODE] != s[w.MODE_WANTED] and state_of(s[w.STATUSWORD]) == ENABLED)
 
 
 @njit("int64(int64[::1])", counted=False)
 def heard(s: NDArray[Any]) -> int:
-    """Whether the drive takes its commands, by the demand that it sends back: OK, MISSED, or LOST for good.
+    """Whether the drive follows its commands, from the demand that is read back: OK, MISSED, or LOST.
 
-    Asked once a tick that had its TPDO 1, before the tick's own command.
+    Called once in each tick with a TPDO 1, before the tick's command.
     """
     if s[w.READ_BACK] == 0 or s[w.SAMPLED] == 0 or s[w.REASON] != 0:
         return OK
@@ -65,11 +65,11 @@ def heard(s: NDArray[Any]) -> int:
 
 @njit("boolean(int64[::1])", counted=False)
 def stops_node(s: NDArray[Any]) -> bool:
-    """Whether a drive that may not take its commands has to be stopped by NMT; the frame is then in OUT, once.
+    """Whether the drive must be stopped by NMT; the frame is then in OUT, once.
 
-    So it is where commands are lost, and where somebody else has changed its settings, of which its PDOs are some. The
-    drive does on that what its abort connection option (0x6007) says. From here on it gets no sign of life either: its
-    watchdog is the second way to zero current.
+    This is so if commands are lost, or if another client has changed its settings, possibly its PDOs. The drive then acts
+    as its abort connection option (0x6007) says. From now on it also gets no guarding message, so that its watchdog too
+    leads to zero current.
     """
     if s[w.NODE_STOPPED] == 1 or s[w.REASON] not in (w.LOST_DEAF, w.LOST_WRITTEN, w.LOST_MODE):
         return False
@@ -81,7 +81,7 @@ def stops_node(s: NDArray[Any]) -> bool:
 
 @njit("void(int64[::1], int64)", counted=False)
 def remember(s: NDArray[Any], target: int) -> None:
-    """Keep a raw target as the latest command."""
+    """Store a raw target as the latest command."""
     f = s.view(np.float64)
     if s[w.REASON] != 0:
         return

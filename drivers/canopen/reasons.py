@@ -1,4 +1,4 @@
-"""Why an exchange failed, in words: the memory of the exchange read after the fact."""
+"""Why an exchange failed, in words, from its memory."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def _deaf(block: NDArray[Any]) -> str:
         return f"node {node} sent no TPDO 2 (0x{w.TPDO2 + node:03x}) with {-samples} samples in a row; {stopped}"
     demand = block[w.DEMAND] * floats[w.AMPERE_PER_DEMAND]
     return (
-        f"node {node} does not take its commands (RPDO 1, 0x{w.RPDO1 + node:03x}): in {samples} samples in a row its demand "
-        f"was none of the latest, last {demand:.3g} A where {floats[w.COMMANDED]:.3g} A was commanded; {stopped}"
+        f"node {node} does not follow its commands (RPDO 1, 0x{w.RPDO1 + node:03x}): in {samples} samples in a row its "
+        f"demand was not one of the latest, last {demand:.3g} A with {floats[w.COMMANDED]:.3g} A commanded; {stopped}"
     )
 
 
@@ -33,26 +33,26 @@ def _written(node: int, detail: int) -> str:
     index, sub = detail & 0xFFFF, detail >> 16
     name = "an object" if detail == UNNAMED else f"object 0x{index:04x}" + (f":{sub}" if sub else "")
     return (
-        f"somebody else writes {name} of the drive (SDO to node {node}), so what bring-up has set and read back may no "
-        "longer hold; the node was stopped by NMT"
+        f"another client writes {name} of the drive (SDO to node {node}), so the settings of bring-up may no "
+        "longer be valid; the node was stopped by NMT"
     )
 
 
 def remarks(block: NDArray[Any]) -> list[str]:
-    """What the bus has shown that stops nothing."""
+    """Observations on the bus that stop nothing."""
     node, found = int(block[w.NODE]), []
     if block[w.SDO_SEEN]:
         found.append(
-            f"somebody else reads objects of the drive: {block[w.SDO_SEEN]} SDO frames of node {node} were not for this "
+            f"another client reads objects of the drive: {block[w.SDO_SEEN]} SDO frames of node {node} were not for this "
             "driver"
         )
     if block[w.UNASKED]:
-        found.append(f"{block[w.UNASKED]} TPDO 1 of node {node} came without a SYNC before them")
+        found.append(f"{block[w.UNASKED]} TPDO 1 of node {node} came without a SYNC")
     return found
 
 
 def explain(block: NDArray[Any]) -> str | None:
-    """What stopped the exchange, or None when nothing did."""
+    """What stopped the exchange; None if nothing did."""
     node, detail = int(block[w.NODE]), int(block[w.DETAIL])
     lost = {
         w.LOST_CLOSED: "the other side of the CAN connection has closed it",
@@ -63,7 +63,7 @@ def explain(block: NDArray[Any]) -> str | None:
         w.LOST_DEAF: _deaf(block),
         w.LOST_WRITTEN: _written(node, detail),
         w.LOST_MODE: (
-            f"node {node} is in mode of operation {detail}, no longer in {block[w.MODE_WANTED]}: somebody else has changed "
+            f"node {node} is in mode of operation {detail}, no longer in {block[w.MODE_WANTED]}: another client has changed "
             "it; the node was stopped by NMT"
         ),
         w.LOST_STATE: f"node {node} is {_NMT_STATES.get(detail, f'in NMT state {detail}')}, no longer operational",
@@ -76,26 +76,26 @@ def explain(block: NDArray[Any]) -> str | None:
     if block[w.FAULT_REPORTED] != 0:
         code = int(block[w.EMCY] or block[w.ERROR_CODE])
         said = "EMCY" if block[w.EMCY] else "error code 0x603f"
-        named = f"{said} 0x{code:04x} ({error_code_text(code)})" if code else "no EMCY was heard"
+        named = f"{said} 0x{code:04x} ({error_code_text(code)})" if code else "no EMCY was received"
         state = name_of(statusword) if statusword & FAULT_BIT else f"still {name_of(statusword)}"
         return f"node {node}: {named}; statusword 0x{statusword:04x}, {state}"
     if block[w.EVENT_TOLD] == w.EVENT_MASTER:
         return f"another master is on the bus: it sent {describe_command(detail, node)}"
     if block[w.EVENT_TOLD] == w.EVENT_SURPLUS:
         return (
-            f"TPDO 1 of node {node} comes more often than SYNC asks for it ({detail} times since the start): another node "
-            "uses its identifier, or the drive sends it by itself, and which of them tells the position is not known"
+            f"TPDO 1 of node {node} came without a SYNC ({detail} times since the start): another node "
+            "uses its identifier, or the drive sends it without SYNC, and it is not known which one has the position"
         )
     if block[w.EVENT_TOLD] == w.EVENT_SYNCS:
         return (
-            f"SYNC came {detail} times more than half a period before it was due: two devices produce it, or one at another "
+            f"SYNC came {detail} times more than half a period too early: two devices produce it, or one at another "
             "rate than servo.rate_hz; only one may have bit 30 of 0x1005 set"
         )
     mapped = {w.EVENT_LENGTH: (1, w.TPDO1_BYTES), w.EVENT_LENGTH_2: (2, back_bytes(block))}
     if (event := mapped.get(int(block[w.EVENT_TOLD]))) is not None:
         return (
             f"TPDO {event[0]} of node {node} came with {detail} bytes, {event[1]} are mapped: another node uses its "
-            "identifier, or somebody changed the mapping"
+            "identifier, or another client changed the mapping"
         )
     if block[w.EVENT_TOLD] == w.EVENT_TRANSITION:
         return transition(detail, 1e-9 * w.TRANSITION_NS)

@@ -1,4 +1,4 @@
-"""The CiA 402 state machine: its states, the controlword that leads on, and its transitions in words.
+"""The CiA 402 state machine: its states, the next controlword, and its transitions in words.
 
 Statusword (0x6041) and controlword (0x6040) as in CiA 402-2, 7.3 and 8: a state is a pattern in the statusword's bits 0…3,
 5 and 6; a command is a pattern in the controlword's bits 0…3 and 7.
@@ -51,7 +51,7 @@ _NEXT: Final = {
 
 @njit("int64(int64)", counted=False)
 def state_of(statusword: int) -> int:
-    """The state in a statusword: one of the constants above; bits that a state leaves open are taken out."""
+    """The state in a statusword: one of the constants above; bits that the state does not define are masked."""
     if statusword & 0x4F in (NOT_READY, SWITCH_ON_DISABLED, FAULT_REACTION, FAULT):
         return statusword & 0x4F
     return statusword & 0x6F
@@ -59,9 +59,9 @@ def state_of(statusword: int) -> int:
 
 @njit("int64(int64)", counted=False)
 def next_controlword(statusword: int) -> int:
-    """The command that leads one transition nearer to Operation enabled; disable voltage where there is none.
+    """The command for the next transition towards Operation enabled; disable voltage if there is none.
 
-    A fault is not reset here: that takes an edge of bit 7, given on purpose.
+    A fault is not reset here: that needs an edge of bit 7.
     """
     state = state_of(statusword)
     if state == SWITCH_ON_DISABLED:
@@ -76,18 +76,18 @@ def next_controlword(statusword: int) -> int:
 def name_of(statusword: int) -> str:
     """The state in words."""
     state = int(state_of(statusword))
-    return NAMES.get(state, f"state 0x{state:02x}, which CiA 402 does not know,")
+    return NAMES.get(state, f"state 0x{state:02x}, which is not in CiA 402,")
 
 
 def transition(statusword: int, waited_s: float, target: int | None = None) -> str:
-    """A transition that does not come, in words.
+    """A missing transition, in words.
 
     Args:
-        statusword: as the drive reports it. waited_s: for how long, s.
-        target: the state waited for; the next one towards Operation enabled where it is left out.
+        statusword: of the drive. waited_s: waiting time, s.
+        target: the expected state; default: the next one towards Operation enabled.
     """
     goal = target if target is not None else _NEXT.get(int(state_of(statusword)), ENABLED)
     hint = "" if statusword & 0x10 else "; bit 4 is 0: no voltage at the power stage"
     if statusword & FAULT_BIT:
-        hint = "; the cause of the fault is still there"
+        hint = "; the cause of the fault is still present"
     return f"{name_of(statusword)} → {NAMES[goal]}: statusword 0x{statusword:04x}, waited {waited_s:g} s{hint}"

@@ -1,4 +1,4 @@
-"""What a frame from the bus means, and what to answer: the compiled part that knows no transport.
+"""Processing of received frames and the frames to send: the compiled part, independent of the transport.
 
 Every frame goes through :func:`take_frame`; a tick ends in :func:`verdict` and :func:`command`. The compiled exchange on a
 descriptor (``cyclic.py``) and the one through python-can (``callback.py``) both call these.
@@ -66,14 +66,14 @@ def _signed32(value: int) -> int:
 
 @njit("int64(int64[::1])", counted=False)
 def back_bytes(s: NDArray[Any]) -> int:
-    """Bytes of TPDO 2: demand, mode and inputs, each where it is mapped; 0: there is none."""
+    """Bytes of TPDO 2: demand, mode and inputs, as far as mapped; 0: there is none."""
     demand, mode, inputs = s[w.READ_BACK] == 1, s[w.MODE_WANTED] != 0, s[w.HELD_MASK] != 0
     return (2 if demand else 0) + (1 if mode else 0) + (4 if inputs else 0)
 
 
 @njit("void(int64[::1], int64)", counted=False)
 def _take_answer(s: NDArray[Any], data: int) -> None:
-    """An SDO answer of our drive: to our one question, for 0x603F, or to somebody else's request."""
+    """An SDO reply of our drive: to the own request for 0x603F, or to another client's request."""
     about = (data >> 8) & 0xFFFFFF
     if s[w.ERROR_CODE_ASKED] == 1 and about == _ERROR_CODE_OBJECT and data & 0xFF in (_SDO_UPLOADED_2, _SDO_ABORTED):
         if data & 0xFF == _SDO_UPLOADED_2:
@@ -105,7 +105,7 @@ def _take_guard(s: NDArray[Any], length: int, data: int) -> None:
 
 @njit("void(int64[::1], int64, int64)", counted=False)
 def _take_back(s: NDArray[Any], length: int, data: int) -> None:
-    """TPDO 2: what the drive says that it was told, and its inputs."""
+    """TPDO 2: demand and mode of the drive, and its inputs."""
     if length != back_bytes(s):
         note(s, w.EVENT_LENGTH_2, length)
         return
@@ -119,7 +119,7 @@ def _take_back(s: NDArray[Any], length: int, data: int) -> None:
 
 @njit("void(int64[::1], int64, int64)", counted=False)
 def take_frame(s: NDArray[Any], low: int, data: int) -> None:
-    """Take in one frame from the bus, whatever it is.
+    """Process one frame from the bus.
 
     Args:
         s: the exchange's memory. low, data: the two words of a ``struct can_frame``.
@@ -170,10 +170,10 @@ def take_frame(s: NDArray[Any], low: int, data: int) -> None:
 
 @njit("boolean(int64[::1])", counted=False)
 def may_sync(s: NDArray[Any]) -> bool:
-    """The bus has been emptied: whether SYNC may go out, whose answer nothing that is still on its way could be taken for.
+    """After all frames were read: whether SYNC may be sent, so that no pending frame can be taken for its reply.
 
-    After one without an answer this tick listens first: a drive that is a period late would otherwise answer every SYNC
-    with the sample of the one before, a hidden delay of τ_D = 1.
+    After a SYNC without a reply this tick listens first: otherwise a drive that is one period late would reply to every
+    SYNC with the previous sample, a hidden delay of τ_D = 1.
     """
     s[w.STOPPED] = 0
     begin_sample(s)
@@ -184,7 +184,7 @@ def may_sync(s: NDArray[Any]) -> bool:
 
 @njit("boolean(int64[::1])", counted=False)
 def answered(s: NDArray[Any]) -> bool:
-    """Whether waiting is over: TPDO 1 is there, and the inputs where they count; or something that ends the tick."""
+    """Whether the wait is over: TPDO 1 and, if needed, the inputs have come; or an event ends the tick."""
     sampled = s[w.FRESH] > 0 and (s[w.HELD_MASK] == 0 or s[w.HELD_FRESH] == 1)
     return bool(sampled or s[w.REASON] != 0 or s[w.EVENT] != 0)
 
@@ -201,10 +201,10 @@ def _fault(s: NDArray[Any], x: NDArray[Any]) -> int:
 
 @njit("int64(int64[::1], int64[::1], int64)", counted=False)
 def verdict(s: NDArray[Any], x: NDArray[Any], now_ns: int) -> int:
-    """The end of a read: the exchange's out words, and its return code.
+    """Finish a read: set the exchange's out words, and return its code.
 
-    A fault of the drive is reported when it comes and for as long as the amplifier is asked for. Once the loop has let go,
-    the fault is left standing in silence, and reset by an edge of its own when the amplifier is asked for again.
+    A fault of the drive is reported when it occurs and while the amplifier is requested. After the loop has disabled the
+    amplifier it is no longer reported, and it is reset when the amplifier is requested again.
     """
     xf = x.view(np.float64)
     f = s.view(np.float64)
@@ -258,7 +258,7 @@ def verdict(s: NDArray[Any], x: NDArray[Any], now_ns: int) -> int:
 
 @njit("boolean(int64[::1], int64)", counted=False)
 def _stuck(s: NDArray[Any], now_ns: int) -> bool:
-    """Whether the state machine has stood still for too long on its way to Operation enabled."""
+    """Whether a transition of the state machine towards Operation enabled takes too long."""
     state = state_of(s[w.STATUSWORD])
     if state != s[w.STATE_SEEN] or state == ENABLED:
         s[w.STATE_SEEN] = state
@@ -268,9 +268,9 @@ def _stuck(s: NDArray[Any], now_ns: int) -> bool:
 
 @njit("int64(int64[::1], int64[::1], int64)", counted=False)
 def command(s: NDArray[Any], x: NDArray[Any], now_ns: int) -> int:
-    """RPDO 1 of this write into OUT: controlword and target. Returns OK, ERROR (a transition that does not come) or LOST.
+    """Write RPDO 1 into OUT: controlword and target. Returns OK, ERROR (a missing transition) or LOST.
 
-    The target is other than zero in Operation enabled only.
+    The target is not zero in Operation enabled only.
     """
     f = s.view(np.float64)
     enable = x[X_ENABLE] == 1
@@ -315,9 +315,9 @@ def command(s: NDArray[Any], x: NDArray[Any], now_ns: int) -> int:
 
 @njit("boolean(int64[::1], int64, float64)", counted=False)
 def sign_of_life(s: NDArray[Any], now_ns: int, period_ns: float) -> bool:
-    """Whether the frame that keeps the drive's watchdog quiet is due before the next tick; it is then in OUT.
+    """Whether the guarding message for the drive's watchdog is due before the next tick; it is then in OUT.
 
-    It is sent by the loop itself, so a loop that hangs falls silent and the drive notices.
+    The loop sends it, so that the drive detects a loop that hangs.
     """
     if s[w.REASON] != 0 or now_ns + period_ns <= s[w.GUARD_SENT_NS] + s[w.GUARD_NS]:
         return False
@@ -338,7 +338,7 @@ def sign_of_life(s: NDArray[Any], now_ns: int, period_ns: float) -> bool:
 
 @njit("boolean(int64[::1])", counted=False)
 def asks_error_code(s: NDArray[Any]) -> bool:
-    """Whether a fault stands there without an EMCY that names it: the question for 0x603F is then in OUT, once."""
+    """Whether there is a fault without an EMCY: the SDO request for 0x603F is then in OUT, once."""
     if s[w.STATUSWORD] & FAULT_BIT == 0 or s[w.EMCY] != 0 or s[w.ERROR_CODE_ASKED] == 1 or s[w.REASON] != 0:
         return False
     s[w.ERROR_CODE_ASKED] = 1

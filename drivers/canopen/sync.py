@@ -1,4 +1,4 @@
-"""SYNC of a producer on the bus, which the loop follows, and what a SYNC makes of the samples before it; compiled."""
+"""SYNC of a producer on the bus, which the loop follows, and its samples; compiled."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hapticd.jit import njit
 
 @njit("void(int64[::1])", counted=False)
 def begin_sample(s: NDArray[Any]) -> None:
-    """Whatever came until now belongs to an earlier SYNC."""
+    """Begin a new sample: all earlier frames belong to an earlier SYNC."""
     s[w.HELD_FRESH] = 0
     if s[w.FRESH] > 0:
         s[w.STALE] += s[w.FRESH]
@@ -23,7 +23,7 @@ def begin_sample(s: NDArray[Any]) -> None:
 
 @njit("void(int64[::1])", counted=False)
 def take_sync(s: NDArray[Any]) -> None:
-    """SYNC of the producer that the loop follows. TPDOs carry no number: the next one is this SYNC's."""
+    """Process a SYNC of the producer. TPDOs have no number: the next one is taken as that of this SYNC."""
     s[w.SYNCS] += 1
     begin_sample(s)
     s[w.DUE] = 1
@@ -31,7 +31,7 @@ def take_sync(s: NDArray[Any]) -> None:
 
 @njit("boolean(int64[::1], int64, int64, float64)", counted=False)
 def sync_came(s: NDArray[Any], now_ns: int, expected_ns: int, period_ns: float) -> bool:
-    """Whether SYNC has come that a tick may follow; one that is half a period early, again and again, has two producers."""
+    """Whether a SYNC for a tick has come; repeated SYNC more than half a period early mean two producers."""
     if s[w.SYNCS] == 0:
         return False
     s[w.SYNCS] = 0

@@ -1,7 +1,7 @@
-"""From ampere to the drive's raw numbers and back, by way of the drive's own rated values.
+"""Conversion between ampere and the drive's raw numbers, with the drive's rated values.
 
-A torque object counts in ‰ of the rated torque 0x6076 (0.001 N m), a current object in ‰ of the rated current 0x6075 (mA)
-(CiA 402-2). A torque object is turned into a current with the config's torque constant, so that the torque of the spring
+A torque object is in ‰ of the rated torque 0x6076 (0.001 N m), a current object in ‰ of the rated current 0x6075 (mA)
+(CiA 402-2). A torque object is converted to a current with the config's torque constant, so that the torque of the spring
 is right to the last ‰.
 """
 
@@ -17,10 +17,10 @@ RAW_MAX: Final = 32767
 
 @dataclass(frozen=True)
 class Rated:
-    """What 1000 ‰ are; :func:`drivers.canopen.plausible.rated_values` makes it."""
+    """The values of 1000 ‰, from :func:`drivers.canopen.plausible.rated_values`."""
 
     current: float | None
-    """A; None where neither the drive nor the config says."""
+    """A; None if neither the drive nor the config has it."""
     torque: float | None
     """N m (or N)."""
     torque_constant: float
@@ -30,7 +30,7 @@ class Rated:
         """A per raw unit of a ``unit`` of :mod:`drivers.canopen.profile`.
 
         Raises:
-            DriverError: the drive lacks the rated value that the unit needs.
+            DriverError: the drive does not have the rated value for the unit.
         """
         if unit == "centiampere":
             return 0.01
@@ -40,7 +40,7 @@ class Rated:
             return 1e-3 * self.torque / self.torque_constant
         if self.current:
             return 1e-3 * self.current
-        raise DriverError(f"the profile counts in {unit}, but the drive has no rated value for it (0x6075, 0x6076)")
+        raise DriverError(f"the profile's unit is {unit}, but the drive has no rated value for it (0x6075, 0x6076)")
 
     def command_per_ampere(self, unit: str, peak_current: float | None) -> float:
         """Raw target per A.
@@ -52,6 +52,6 @@ class Rated:
         if peak_current and peak_current * scale > RAW_MAX:
             raise DriverError(
                 f"amplifier.peak_current = {peak_current:g} A is {peak_current * scale:.0f} in the target's unit ({unit}), "
-                f"more than its 16 bits hold ({RAW_MAX})"
+                f"more than its 16 bits allow ({RAW_MAX})"
             )
         return scale

@@ -1,4 +1,4 @@
-"""Serial DAC board: ``driver: {name: serial_dac, port: /dev/ttyUSB0}``. The protocol is docs/protocols/serial-dac.md."""
+"""Serial DAC board: ``driver: {name: serial_dac, port: /dev/ttyUSB0}``. Protocol: docs/protocols/serial-dac.md."""
 
 from drivers.serial_dac.driver import SerialDacDriver
 

@@ -1,4 +1,4 @@
-"""How long the line is busy: bytes of one exchange at a baud rate, and the servo rates and time-outs that follow.
+"""Transmission times on the line: bytes of one exchange at a baud rate, and the resulting servo rates and time-outs.
 
 One byte is ten bits on the line (start, eight, stop). An exchange is SAMPLE, its reply and COMMAND.
 """
@@ -17,14 +17,14 @@ REPLY_BYTES: Final = SAMPLE_REPLY_LENGTH + OVERHEAD
 COMMAND_BYTES: Final = COMMAND_LENGTH + OVERHEAD
 EXCHANGE_BYTES: Final = SAMPLE_BYTES + REPLY_BYTES + COMMAND_BYTES
 INPUTS_BYTES: Final = INPUTS_REPLY_LENGTH - SAMPLE_REPLY_LENGTH
-"""By how much a reply is longer that brings the inputs."""
+"""Additional bytes of a reply with the inputs."""
 
 LINE_FRACTION: Final = 0.8
-"""Share of a servo period that the line may be busy; the rest is for the operating system."""
+"""Largest share of a servo period for transmission; the rest is for the operating system."""
 REPLY_MARGIN: Final = 1.25
-"""The shortest default reply time-out, in wire times of SAMPLE and reply."""
+"""The shortest default reply time-out, in transmission times of SAMPLE and reply."""
 WATCHDOG_PERIODS: Final = 2
-"""The board's watchdog must outlast one lost COMMAND."""
+"""The board's watchdog must be longer than this, to tolerate one lost COMMAND."""
 
 
 def wire_s(count: int, baud: int) -> float:
@@ -33,24 +33,24 @@ def wire_s(count: int, baud: int) -> float:
 
 
 def fastest_rate_hz(baud: int, size: int = EXCHANGE_BYTES) -> float:
-    """The fastest servo rate in Hz that a baud rate carries, at so many bytes an exchange."""
+    """The highest servo rate in Hz at a baud rate, with exchanges of ``size`` bytes."""
     return LINE_FRACTION / wire_s(size, baud)
 
 
 def slowest_baud(rate_hz: float, size: int = EXCHANGE_BYTES) -> int:
-    """The slowest baud rate that carries a servo rate, at so many bytes an exchange."""
+    """The lowest baud rate for a servo rate, with exchanges of ``size`` bytes."""
     return -int(-size * _BITS_PER_BYTE * rate_hz // LINE_FRACTION)
 
 
 def default_latency_s(baud: int, more: int = 0) -> float:
-    """Sample-to-current latency in s: reply, with so many bytes more, and COMMAND on the wire, and processing."""
+    """Sample-to-current latency in s: transmission of reply (plus ``more`` bytes) and COMMAND, and processing."""
     return wire_s(REPLY_BYTES + more + COMMAND_BYTES, baud) + PROCESSING_S
 
 
 def rate_refusal(
     rate_hz: float, baud: int, watchdog_ms: int, reply_timeout_s: float | None, more: int = 0
 ) -> str | None:
-    """Why a servo rate cannot be driven with these options, and so many bytes more a reply, in words; None when it can."""
+    """Why a servo rate is not possible with these options, and ``more`` bytes per reply, in words; None if it is."""
     period = 1.0 / rate_hz
     size = EXCHANGE_BYTES + more
     if rate_hz > fastest_rate_hz(baud, size):

@@ -1,4 +1,4 @@
-"""The driver object: opens the port, agrees with the board, and hands the compiled exchange to the servo loop."""
+"""The driver object: opens the port, begins a session with the board, and sets the compiled exchange for the servo loop."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class SerialDacDriver(Driver):
     """A board with DAC and encoder counter on a serial port (``docs/protocols/serial-dac.md``).
 
     Raises:
-        DriverConfigError: an option is unknown or out of range, or does not fit the servo rate.
+        DriverConfigError: an option is unknown, out of range, or too slow for the servo rate.
     """
 
-    summary = "serial DAC board: one sample and one command frame a tick (docs/protocols/serial-dac.md)"
+    summary = "serial DAC board: one sample and one command frame per tick (docs/protocols/serial-dac.md)"
     latency_s = budget.default_latency_s(921_600)
     enable_input = True
     options = tuple(option.name for option in fields(Options))
@@ -49,23 +49,23 @@ class SerialDacDriver(Driver):
 
     @classmethod
     def declared_latency_s(cls, config: Config) -> float:
-        """Option ``latency_s``, or the wire time of reply and COMMAND at the baud rate."""
+        """Option ``latency_s``, or the transmission time of reply and COMMAND at the baud rate."""
         return read_options(config).declared_latency_s(more_bytes(config))
 
     @classmethod
     def max_rate_hz(cls, config: Config) -> float:
-        """What the baud rate carries, Hz."""
+        """Highest servo rate at the baud rate, Hz."""
         return budget.fastest_rate_hz(read_options(config).baud, budget.EXCHANGE_BYTES + more_bytes(config))
 
     def check_rate(self, rate_hz: float) -> str | None:
-        """Whether baud, watchdog and reply time-out admit the rate."""
+        """Why baud, watchdog or reply time-out do not allow the rate; None if they do."""
         options = self._options
         more = more_bytes(self.config)
         return budget.rate_refusal(rate_hz, options.baud, options.watchdog_ms, options.reply_timeout_s, more)
 
     @property
     def error(self) -> str | None:
-        """What ended the session, where more is known than that the port is gone."""
+        """Why the session ended, if not by a closed port."""
         if self._state[state.S_LOST] == state.RESTARTED:
             return f"the board on {self._options.port} has restarted: it lost its settings and its encoder count"
         return self._exception
@@ -75,7 +75,7 @@ class SerialDacDriver(Driver):
         self._exception = text
 
     def open(self) -> None:
-        """Open the port, agree with the board, and leave it at zero current and disabled."""
+        """Open the port and begin a session; the board is then at zero current and disabled."""
         options = self._options
         self._port = port.open_port(options.port, options.baud)
         self._session = Session(self._port.fileno(), options.port)
@@ -111,8 +111,8 @@ class SerialDacDriver(Driver):
         return words
 
     def close(self) -> None:
-        """Command zero current and disable as far as the port still takes it, then release the port."""
-        # A loop that still runs finds the port lost from here on, and sends nothing between or after these commands.
+        """Command zero current and disable, as far as the port works, then close the port."""
+        # For a loop that still runs the port is now lost: it sends nothing between or after these commands.
         self._state[state.S_LOST] = self._state[state.S_LOST] or state.GONE
         if self._port is None:
             return
@@ -122,7 +122,7 @@ class SerialDacDriver(Driver):
                 for _ in range(_OFF_COMMANDS):
                     self._session.send_off(int(self._state[state.S_SEQ]), self._capabilities.dac_bits)
             port.wait_sent(self._port.fileno(), _LAST_BYTES_S)
-        # A call under way must not meet the descriptor's number in another file's hands; none lasts longer than a period.
+        # During a present call, at most a period long, the descriptor's number must not be reused by another file.
         time.sleep(min(self.config.period, _LAST_BYTES_S))
         self._port.close()
         self._port = self._session = None

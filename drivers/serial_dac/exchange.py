@@ -1,7 +1,7 @@
-"""The compiled exchange: SAMPLE and its reply in ``read``, COMMAND in ``write``, on the port's descriptor.
+"""The compiled exchange on the port's descriptor: SAMPLE and its reply in ``read``, COMMAND in ``write``.
 
-Nothing waits without a bound: the descriptor does not block, and the reply has a deadline, whatever else comes in. Late
-replies, duplicates and garbage stand before the reply in the line's order: they are read, and dropped, on the way to it.
+Every wait is bounded: the descriptor does not block, and the reply has a deadline, also under other traffic. Late
+replies, duplicates and invalid bytes before the reply are read and dropped.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ _EINTR = 4
 
 @njit("int64(int64[::1], uint8[::1], int64)", counted=False)
 def _send(words: NDArray[Any], memory: NDArray[Any], size: int) -> int:
-    """Frame the request of ``size`` bytes and write it: OK, MISSED (not all of it went) or LOST."""
+    """Encode the request of ``size`` bytes and write it: OK, MISSED (incomplete) or LOST."""
     request = memory[s.REQUEST_AT : s.REQUEST_AT + PAYLOAD_SIZE]
     length = encode(request, size, memory[s.TX_AT + 2 : s.TX_AT + s.TX_SIZE])
     start = s.TX_AT + 2
     if words[s.S_TORN] != 0:
-        # An end alone could complete an old command; a byte that it never had spoils it first.
+        # A delimiter alone could complete an old command; a wrong byte before it makes that invalid.
         memory[s.TX_AT] = words[s.S_TORN]
         memory[s.TX_AT + 1] = 0
         start -= 2
@@ -71,7 +71,7 @@ def _send(words: NDArray[Any], memory: NDArray[Any], size: int) -> int:
 
 @njit("int64(int64[::1], uint8[::1])", counted=False)
 def _fetch(words: NDArray[Any], memory: NDArray[Any]) -> int:
-    """Read what has come into the chunk: bytes, 0 for nothing yet, or LOST."""
+    """Read received bytes into the chunk: their number, 0 for none, or LOST."""
     got = libc.read(words[s.S_DESCRIPTOR], memory.ctypes.data + s.CHUNK_AT, s.CHUNK_SIZE)
     words[s.S_POSITION] = 0
     if got > 0:
@@ -84,7 +84,7 @@ def _fetch(words: NDArray[Any], memory: NDArray[Any]) -> int:
 
 @njit("boolean(int64[::1], uint8[::1], int64, int64)", counted=False)
 def _find_reply(words: NDArray[Any], memory: NDArray[Any], size: int, seq: int) -> bool:
-    """Whether the chunk's next bytes complete a reply with that seq (none has -1); other frames are counted and dropped."""
+    """Whether the chunk's next bytes complete a reply with that seq (-1: none); other frames are counted and dropped."""
     decoder = memory[s.DECODER_AT : s.DECODER_AT + DECODER_SIZE]
     payload = memory[s.PAYLOAD_AT : s.PAYLOAD_AT + PAYLOAD_SIZE]
     chunk = memory[s.CHUNK_AT : s.CHUNK_AT + s.CHUNK_SIZE]
@@ -116,7 +116,7 @@ def unwrapped(position: int, count: int, bits: int) -> int:
 
 @cfunc(SIGNATURE)
 def read(state: int, exchange: int) -> int:
-    """SAMPLE, and its reply within the time-out."""
+    """Send SAMPLE, receive its reply within the time-out."""
     words = carray(state, (s.STATE_WORDS,))
     memory = words.view(np.uint8)
     x = carray(exchange, (EXCHANGE_WORDS,))
@@ -145,7 +145,7 @@ def read(state: int, exchange: int) -> int:
         if got < 0:
             return LOST
         found = _find_reply(words, memory, got, words[s.S_SEQ])
-        # Bytes that keep coming would keep the wait from ever seeing its deadline.
+        # With continuous input the wait would never reach its deadline.
         if not found and libc.now_ns(clock) >= deadline:
             return MISSED
     payload = memory[s.PAYLOAD_AT : s.PAYLOAD_AT + PAYLOAD_SIZE]
@@ -156,17 +156,17 @@ def read(state: int, exchange: int) -> int:
     words[s.S_COUNTS] = unwrapped(words[s.S_COUNTS], _u32(payload, 2), words[s.S_COUNTER_BITS])
     words[s.S_UNPROVEN] = 0 if payload[11] == words[s.S_COMMAND_SEQ] else 1
     x[X_COUNTS] = words[s.S_COUNTS]
-    held = payload[0] == m.INPUTS_REPLY and payload[12] & m.INPUT_HELD  # a reply without inputs says nothing of them
+    held = payload[0] == m.INPUTS_REPLY and payload[12] & m.INPUT_HELD  # only a reply of this kind has inputs
     x[X_STATUS] = (STATUS_ENABLED if status & m.STATUS_ENABLED else 0) | (STATUS_HELD if held else 0)
     x[X_DEVICE_CODE] = status
-    # What follows the reply in the chunk belongs to no exchange, but may be the beginning of a frame.
+    # Bytes after the reply belong to no exchange, but may be the beginning of a frame.
     _find_reply(words, memory, got, -1)
     return DEVICE_FAULT if status & m.STATUS_FAULTS else OK
 
 
 @cfunc(SIGNATURE)
 def write(state: int, exchange: int) -> int:
-    """COMMAND; MISSED also when the last reply did not prove the COMMAND before."""
+    """Send COMMAND; MISSED also if the last reply did not prove the previous COMMAND."""
     words = carray(state, (s.STATE_WORDS,))
     memory = words.view(np.uint8)
     x = carray(exchange, (EXCHANGE_WORDS,))

@@ -1,6 +1,6 @@
 """Frames of the serial DAC protocol: COBS over payload and CRC-16/CCITT-FALSE, ended by a zero byte.
 
-Authority: ``docs/protocols/serial-dac.md``. COBS: Cheshire and Baker, IEEE/ACM Trans. Networking 7(2), 1999. CRC:
+Specification: ``docs/protocols/serial-dac.md``. COBS: Cheshire and Baker, IEEE/ACM Trans. Networking 7(2), 1999. CRC:
 CRC-16/IBM-3740 of the CRC catalogue. Everything here is compiled and allocates nothing; :class:`Decoder` and
 :func:`frame` are the same code for Python.
 """
@@ -19,15 +19,15 @@ MAX_PAYLOAD: Final = 32
 MAX_CODED: Final = MAX_PAYLOAD + 3
 """Longest coded frame before its delimiter: payload, two bytes of CRC, one of COBS."""
 OVERHEAD: Final = 4
-"""Bytes on the line beside the payload: CRC, COBS and delimiter."""
+"""Bytes on the line in addition to the payload: CRC, COBS and delimiter."""
 DECODER_SIZE: Final = 1 + MAX_CODED
 """Bytes of a decoder's memory: the number of bytes collected, then the bytes."""
 PAYLOAD_SIZE: Final = MAX_PAYLOAD + 2
-"""Bytes of room that a payload needs: its CRC stands behind it."""
+"""Bytes of a buffer for a payload and its CRC."""
 
 NOTHING: Final = 0
 BAD_CODING: Final = -1
-"""A frame that is too long, or whose COBS leads past its end."""
+"""A frame that is too long, or whose COBS points beyond its end."""
 BAD_CRC: Final = -2
 
 _POLYNOMIAL = 0x1021
@@ -58,7 +58,7 @@ def encode(payload: NDArray[Any], size: int, out: NDArray[Any]) -> int:
     """Frame the first ``size`` bytes of a payload.
 
     Args:
-        payload: uint8[≥ size + 2]; the CRC is written behind the payload.
+        payload: uint8[≥ size + 2]; the CRC is written after the payload.
         size: 1 … MAX_PAYLOAD.
         out: uint8[≥ size + OVERHEAD], the frame with its delimiter.
 
@@ -84,20 +84,20 @@ def encode(payload: NDArray[Any], size: int, out: NDArray[Any]) -> int:
 
 @njit("int64(uint8[::1], uint8[::1], uint8)", counted=False)
 def push(decoder: NDArray[Any], payload: NDArray[Any], byte: int) -> int:
-    """Give a decoder one byte of the line.
+    """Process one byte of the line.
 
     Args:
-        decoder: uint8[DECODER_SIZE], zeros to begin with.
+        decoder: uint8[DECODER_SIZE], initially zeros.
         payload: uint8[PAYLOAD_SIZE], filled when a frame is complete.
         byte: from the line.
 
     Returns:
-        The payload's length when this byte completes a good frame, NOTHING, BAD_CODING or BAD_CRC; after these three the
-        payload's content means nothing.
+        The payload's length if this byte completes a valid frame, NOTHING, BAD_CODING or BAD_CRC; after these three the
+        payload's content is undefined.
     """
     length = int(decoder[0])
     if byte != 0:
-        # One more than the longest is kept as the mark of a frame that is too long.
+        # One byte more than the longest frame marks a frame that is too long.
         if length < MAX_CODED:
             decoder[1 + length] = byte
         decoder[0] = min(length + 1, MAX_CODED + 1)
@@ -130,7 +130,7 @@ def push(decoder: NDArray[Any], payload: NDArray[Any], byte: int) -> int:
 def push_until_frame(
     decoder: NDArray[Any], payload: NDArray[Any], data: NDArray[Any], size: int, position: NDArray[Any]
 ) -> int:
-    """Push bytes from ``data[position[0]]`` on until a frame ends or ``size`` is reached; ``position[0]`` moves along.
+    """Push bytes from ``data[position[0]]`` on until a frame ends or ``size`` is reached; ``position[0]`` is updated.
 
     Returns:
         As :func:`push` for the last byte pushed.
@@ -150,7 +150,7 @@ def frame(payload: bytes) -> bytes:
         ValueError: the payload is empty or longer than MAX_PAYLOAD.
     """
     if not 1 <= len(payload) <= MAX_PAYLOAD:
-        raise ValueError(f"a payload of {len(payload)} bytes; 1 … {MAX_PAYLOAD} fit into a frame")
+        raise ValueError(f"the payload has {len(payload)} bytes; a frame takes 1 … {MAX_PAYLOAD}")
     room = np.zeros(PAYLOAD_SIZE, np.uint8)
     room[: len(payload)] = np.frombuffer(payload, np.uint8)
     out = np.zeros(MAX_PAYLOAD + OVERHEAD, np.uint8)
@@ -158,11 +158,11 @@ def frame(payload: bytes) -> bytes:
 
 
 class Decoder:
-    """The compiled decoder for Python: feed bytes as they come, get the payloads of the good frames.
+    """The compiled decoder for Python: bytes in, payloads of the valid frames out.
 
     Attributes:
-        bad_coding: frames dropped for their length or COBS so far.
-        bad_crc: frames dropped for their CRC so far.
+        bad_coding: frames dropped for their length or COBS.
+        bad_crc: frames dropped for their CRC.
     """
 
     def __init__(self) -> None:
@@ -173,7 +173,7 @@ class Decoder:
         self._position = np.zeros(1, np.int64)
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Payloads of the good frames that end within ``data``, in order."""
+        """Payloads of the valid frames that end within ``data``, in order."""
         found = []
         raw = np.frombuffer(bytearray(data), np.uint8)
         self._position[0] = 0

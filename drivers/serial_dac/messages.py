@@ -22,22 +22,19 @@ SAMPLE_LENGTH: Final = 2
 COMMAND_LENGTH: Final = 5
 SAMPLE_REPLY_LENGTH: Final = 12
 INPUTS_REPLY_LENGTH: Final = SAMPLE_REPLY_LENGTH + 1
-"""A SAMPLE reply, and the inputs behind it."""
+"""A SAMPLE reply, followed by the inputs."""
 
 INPUT_HELD: Final = 1
-FLAG_ENABLE: Final = 1
 FLAG_WHILE_HELD: Final = 2
 
 STATUS_ENABLED: Final = 1
 STATUS_WATCHDOG: Final = 2
 STATUS_ENCODER_FAULT: Final = 4
 STATUS_AMPLIFIER_FAULT: Final = 8
-STATUS_BAD_FRAME: Final = 16
-STATUS_REJECTED: Final = 32
 STATUS_EXTERNAL_STOP: Final = 64
 STATUS_UNCONFIGURED: Final = 128
 STATUS_FAULTS: Final = STATUS_WATCHDOG | STATUS_ENCODER_FAULT | STATUS_AMPLIFIER_FAULT | STATUS_EXTERNAL_STOP
-"""Bits with which the output is off and stays off, in a session that goes on; UNCONFIGURED ends it."""
+"""Bits that keep the output off in a continuing session; UNCONFIGURED ends it."""
 
 _HELLO_HEAD = struct.Struct("<BBH")
 _CAPABILITIES = struct.Struct("<BIBHHIH")
@@ -49,7 +46,7 @@ _SAMPLE_REPLY = struct.Struct("<BBIIBB")
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a board says of itself in its HELLO reply."""
+    """The capabilities in a board's HELLO reply."""
 
     dac_bits: int
     full_scale_ua: int
@@ -69,7 +66,7 @@ class Capabilities:
 
 @dataclass(frozen=True)
 class SampleReply:
-    """A SAMPLE reply; ``count`` is as on the line, its wrap not removed."""
+    """A SAMPLE reply; ``count`` as received, not unwrapped."""
 
     seq: int
     count: int
@@ -99,7 +96,7 @@ def command(seq: int, code: int, *, enable: bool) -> bytes:
 
 
 def hello_reply_head(payload: bytes) -> tuple[int, int] | None:
-    """Version and nonce of a HELLO reply of any version; None for another message."""
+    """Version and nonce of a HELLO reply, of any version; None for another message."""
     if len(payload) < _HELLO_HEAD.size or payload[0] != HELLO_REPLY:
         return None
     _, version, nonce = _HELLO_HEAD.unpack_from(payload)
@@ -107,7 +104,7 @@ def hello_reply_head(payload: bytes) -> tuple[int, int] | None:
 
 
 def capabilities(payload: bytes) -> Capabilities | None:
-    """Capabilities in a HELLO reply of this version; None when its length is another."""
+    """Capabilities in a HELLO reply of this version; None if its length is wrong."""
     if len(payload) != _HELLO_HEAD.size + _CAPABILITIES.size:
         return None
     return Capabilities(*_CAPABILITIES.unpack_from(payload, _HELLO_HEAD.size))

@@ -1,4 +1,4 @@
-"""Options of the serial DAC driver: what stands beside ``driver.name`` in the config, checked before a port is opened."""
+"""Options of the serial DAC driver in the config, checked before the port is opened."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Options:
         port: path of the serial device.
         baud: bits per second.
         watchdog_ms: time in ms after which the board switches itself off.
-        reply_timeout_s: longest wait for a SAMPLE reply in s; None: four fifths of a period, or what the line needs.
-        latency_s: declared sample-to-current latency in s; None: the wire time of reply and COMMAND.
+        reply_timeout_s: longest wait for a SAMPLE reply in s; None: four fifths of a period, at least the line's time.
+        latency_s: declared sample-to-current latency in s; None: from the transmission time of reply and COMMAND.
     """
 
     port: str
@@ -38,17 +38,17 @@ class Options:
     latency_s: float | None = None
 
     def declared_latency_s(self, more: int) -> float:
-        """Sample-to-current latency in s, with so many bytes more a reply than a SAMPLE reply has."""
+        """Sample-to-current latency in s, with ``more`` bytes in addition to a SAMPLE reply."""
         return budget.default_latency_s(self.baud, more) if self.latency_s is None else self.latency_s
 
 
 def more_bytes(config: Config) -> int:
-    """By how many bytes a config's replies are longer than a SAMPLE reply."""
+    """Bytes of a config's replies in addition to a SAMPLE reply."""
     return budget.INPUTS_BYTES if config.safety.enable else 0
 
 
 def read_options(config: Config) -> Options:
-    """The driver's options in a config, and whether the rest of the config fits a serial board at all.
+    """The driver's options in a config; also checks that the config is possible with a serial board.
 
     Raises:
         DriverConfigError: names the key, the value, the limit and its unit.
@@ -57,7 +57,7 @@ def read_options(config: Config) -> Options:
     port = given.get("port")
     if not (isinstance(port, str) and port):
         said = "is missing" if port is None else f"= {shown(port)}: must be a path"
-        raise DriverConfigError(f"driver.port {said}; serial_dac needs the device's path, as /dev/ttyUSB0")
+        raise DriverConfigError(f"driver.port {said}; serial_dac needs the device's path, such as /dev/ttyUSB0")
     baud = _whole(given, "baud", _BAUD, "baud", Options.baud)
     timeout = _seconds(given, "reply_timeout_s", budget.wire_s(budget.SAMPLE_BYTES + budget.REPLY_BYTES, baud), 1.0)
     options = Options(

@@ -1,7 +1,7 @@
-"""The serial port: opened by pyserial, alone, raw, not blocking, and without the delays that Linux and FTDI add.
+"""The serial port: opened by pyserial, exclusive, raw, not blocking, and without the delays of Linux and FTDI.
 
-``ASYNC_LOW_LATENCY`` (``TIOCSSERIAL``) hands received bytes on at once; an FTDI chip holds a short packet for its latency
-timer, 16 ms when plugged in (FTDI application note AN232B-04). Pseudo-terminals have neither.
+``ASYNC_LOW_LATENCY`` (``TIOCSSERIAL``) forwards received bytes at once; an FTDI chip delays a short packet by its latency
+timer, 16 ms by default (FTDI application note AN232B-04). Pseudo-terminals have neither.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ _ASYNC_LOW_LATENCY = 1 << 13
 _FTDI_TIMER_MS = 1
 _POLL_S = 0.001
 _HINTS = {
-    errno.ENOENT: "no such device; is it plugged in? 'ls /dev/serial/by-id' lists what is",
+    errno.ENOENT: "no such device; is it plugged in? 'ls /dev/serial/by-id' lists the ports",
     errno.EACCES: "permission denied; on most systems the user must be in the group dialout",
-    errno.EAGAIN: "in use by another process ('fuser -v' on it names the process)",
-    errno.EBUSY: "in use by another process ('fuser -v' on it names the process)",
-    errno.ENOTTY: "no serial port, but a file or folder; 'ls /dev/serial/by-id' lists the ports that there are",
+    errno.EAGAIN: "in use by another process ('fuser -v' on it shows which)",
+    errno.EBUSY: "in use by another process ('fuser -v' on it shows which)",
+    errno.ENOTTY: "not a serial port, but a file or folder; 'ls /dev/serial/by-id' lists the ports",
     errno.ENODEV: "the device is gone",
     errno.ENXIO: "the device is gone",
 }
 
 
 def open_port(path: str, baud: int) -> serial.Serial:
-    """Open a serial port for the compiled exchange; input that has waited is discarded.
+    """Open a serial port for the compiled exchange; old input is discarded.
 
     Raises:
-        DriverError: names the path and what is wrong with it.
+        DriverError: with the path and the problem.
     """
     port = None
     try:
@@ -68,7 +68,7 @@ def open_port(path: str, baud: int) -> serial.Serial:
 
 
 def _make_raw(descriptor: int) -> None:
-    """What pyserial leaves to chance: a break is a zero byte, and a read of 0 bytes means that the line is gone."""
+    """Settings that pyserial does not make: a break is a zero byte, and a read of 0 bytes means that the line is lost."""
     attributes = termios.tcgetattr(descriptor)
     attributes[0] &= ~(termios.BRKINT | termios.IGNBRK | termios.PARMRK | termios.INPCK | termios.ISTRIP)
     attributes[6][termios.VMIN] = 1
@@ -77,12 +77,12 @@ def _make_raw(descriptor: int) -> None:
 
 
 def set_low_latency(descriptor: int, path: str) -> None:
-    """Set ASYNC_LOW_LATENCY where the port's kernel driver has it; a refusal is logged."""
+    """Set ASYNC_LOW_LATENCY if the port's kernel driver has it; a refusal is logged."""
     settings = bytearray(_SERIAL_STRUCT)
     try:
         fcntl.ioctl(descriptor, _TIOCGSERIAL, settings)
     except OSError:
-        return  # not this kind of port
+        return  # the port does not have it
     (flags,) = struct.unpack_from("=i", settings, _FLAGS_AT)
     if flags & _ASYNC_LOW_LATENCY:
         return
@@ -90,29 +90,29 @@ def set_low_latency(descriptor: int, path: str) -> None:
     try:
         fcntl.ioctl(descriptor, _TIOCSSERIAL, settings)
     except OSError as error:
-        log.warning("%s: the low-latency flag cannot be set (%s); replies may come late", path, error.strerror)
+        log.warning("%s: the low-latency flag cannot be set (%s); replies may be late", path, error.strerror)
 
 
 def set_ftdi_timer(timer: Path, path: str) -> None:
-    """Set an FTDI adapter's latency timer to 1 ms where there is one; a refusal is logged with the repair."""
+    """Set an FTDI adapter's latency timer to 1 ms if there is one; a refusal is logged with the remedy."""
     try:
         found = int(timer.read_text())
     except (OSError, ValueError):
-        return  # no FTDI adapter
+        return  # not an FTDI adapter
     if found <= _FTDI_TIMER_MS:
         return
     try:
         timer.write_text(f"{_FTDI_TIMER_MS}\n")
     except OSError as error:
         log.warning(
-            "%s: the FTDI latency timer is %d ms and cannot be set to %d ms (%s); every reply may come that late. As root: "
+            "%s: the FTDI latency timer is %d ms and cannot be set to %d ms (%s); every reply may be that late. As root: "
             "echo %d > %s",
             *(path, found, _FTDI_TIMER_MS, error.strerror, _FTDI_TIMER_MS, timer),
         )
 
 
 def wait_sent(descriptor: int, longest_s: float) -> None:
-    """Wait until the output buffer is empty, at most ``longest_s`` (``tcdrain`` has no bound)."""
+    """Wait until the output buffer is empty, at most ``longest_s`` (``tcdrain`` has no time-out)."""
     deadline = time.monotonic() + longest_s
     waiting = bytearray(4)
     while time.monotonic() < deadline:

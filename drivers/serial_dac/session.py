@@ -1,4 +1,4 @@
-"""The beginning of a session with a board: HELLO, what it can do, CONFIGURE, and the proof that its output is off."""
+"""The beginning of a session with a board: HELLO, capabilities, CONFIGURE, and the proof that its output is off."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _Found = TypeVar("_Found")
 
 @dataclass
 class Session:
-    """Questions and answers over an open descriptor, before and after the compiled exchange has it.
+    """Requests and replies on an open descriptor, before and after the compiled exchange.
 
     Attributes:
         descriptor: of the port, not blocking.
@@ -41,9 +41,9 @@ class Session:
         """Begin a session; the board disables its output.
 
         Raises:
-            DriverError: no answer, another protocol version, or impossible capabilities.
+            DriverError: no reply, another protocol version, or impossible capabilities.
         """
-        nonce = random.randrange(0x10000)  # noqa: S311 - tells sessions apart, keeps no secret
+        nonce = random.randrange(0x10000)  # noqa: S311 - distinguishes sessions, not a secret
         nonces: set[int] = set()
         self.flush()
         deadline = time.monotonic() + _HELLO_S
@@ -58,12 +58,12 @@ class Session:
             self.send(messages.hello(nonce))
             if (reply := self.receive(mine, _HELLO_EVERY_S)) is not None:
                 return self._checked(*reply)
-        raise DriverError(f"{self.name}: no board answers within {_HELLO_S:g} s ({self._silence()})")
+        raise DriverError(f"{self.name}: no reply from a board within {_HELLO_S:g} s ({self._silence()})")
 
     def _checked(self, version: int, payload: bytes) -> messages.Capabilities:
         if version != messages.VERSION:
             raise DriverError(
-                f"{self.name}: the board speaks version {version} of the protocol, this driver version {messages.VERSION}"
+                f"{self.name}: the board has version {version} of the protocol, this driver version {messages.VERSION}"
             )
         found = messages.capabilities(payload)
         if found is None:
@@ -79,18 +79,18 @@ class Session:
             ),
         }
         if said := [text for text, holds in wrong.items() if holds]:
-            raise DriverError(f"{self.name}: the board's HELLO reply makes no sense: {'; '.join(said)}")
+            raise DriverError(f"{self.name}: the board's HELLO reply is invalid: {'; '.join(said)}")
         return found
 
     def configure(self, watchdog_ms: int, found: messages.Capabilities) -> None:
         """Set the board's watchdog.
 
         Raises:
-            DriverError: outside the board's range, refused, or no answer.
+            DriverError: outside the board's range, refused, or no reply.
         """
         if not found.watchdog_min_ms <= watchdog_ms <= found.watchdog_max_ms:
             raise DriverError(
-                f"{self.name}: driver.watchdog_ms = {watchdog_ms} ms: the board takes "
+                f"{self.name}: driver.watchdog_ms = {watchdog_ms} ms: the board allows "
                 f"{found.watchdog_min_ms} to {found.watchdog_max_ms} ms"
             )
         for _ in range(_ATTEMPTS):
@@ -101,16 +101,16 @@ class Session:
                     refused = "refused it" if reply == 0 else f"has set {reply} ms"
                     raise DriverError(f"{self.name}: driver.watchdog_ms = {watchdog_ms} ms: the board {refused}")
                 return
-        raise DriverError(f"{self.name}: the board does not answer CONFIGURE ({self._silence()})")
+        raise DriverError(f"{self.name}: the board does not reply to CONFIGURE ({self._silence()})")
 
     def prove_off(self, found: messages.Capabilities, *, inputs: bool = False) -> messages.SampleReply:
-        """Command zero current and disable, and see from the board that it has come.
+        """Command zero current and disable, and check the board's confirmation.
 
         Args:
-            found: what the board said of itself. inputs: ask for a sample with the board's inputs.
+            found: the board's capabilities. inputs: request a sample with the board's inputs.
 
         Raises:
-            DriverError: no answer, no such inputs, or the board does not follow.
+            DriverError: no reply, no such inputs, or no confirmation.
         """
         reply = None
         for seq in range(1, _ATTEMPTS + 1):
@@ -121,22 +121,24 @@ class Session:
                 return reply
         if reply is None and inputs:
             raise DriverError(
-                f"{self.name}: safety.enable = true: the board does not answer SAMPLE_INPUTS; its firmware "
-                f"{found.firmware_text} knows no enable input: load a newer one (docs/protocols/serial-dac.md)"
+                f"{self.name}: safety.enable = true: the board does not reply to SAMPLE_INPUTS; its firmware "
+                f"{found.firmware_text} has no enable input: load a newer one (docs/protocols/serial-dac.md)"
             )
         if reply is None:
-            raise DriverError(f"{self.name}: the board does not answer SAMPLE ({self._silence()})")
-        raise DriverError(f"{self.name}: the board does not take zero current and disable (status {reply.status:#04x})")
+            raise DriverError(f"{self.name}: the board does not reply to SAMPLE ({self._silence()})")
+        raise DriverError(
+            f"{self.name}: the board does not confirm zero current and disable (status {reply.status:#04x})"
+        )
 
     def send_off(self, seq: int, dac_bits: int) -> None:
         """Send COMMAND with mid-scale and enable 0."""
         self.send(messages.command(seq, 1 << (dac_bits - 1), enable=False))
 
     def flush(self, spoiler: int = 0) -> None:
-        """End whatever the board has half received; a ``spoiler`` other than 0 first makes sure that it is no good frame.
+        """End a partly received frame in the board; a ``spoiler`` other than 0 first makes it invalid.
 
         Raises:
-            DriverError: the port is gone.
+            DriverError: the port is lost.
         """
         self._write(bytes([spoiler, 0]) if spoiler else b"\0")
 
@@ -144,15 +146,15 @@ class Session:
         """Send one frame.
 
         Raises:
-            DriverError: the port is gone.
+            DriverError: the port is lost.
         """
         self._write(frame(payload))
 
     def receive(self, wanted: Callable[[bytes], _Found | None], timeout_s: float) -> _Found | None:
-        """What ``wanted`` makes of the first payload that it wants, or None after ``timeout_s``; others are dropped.
+        """The result of ``wanted`` for the first payload that it accepts; None after ``timeout_s``; others are dropped.
 
         Raises:
-            DriverError: the port is gone.
+            DriverError: the port is lost.
         """
         deadline = time.monotonic() + timeout_s
         while (left := deadline - time.monotonic()) > 0:
@@ -176,25 +178,25 @@ class Session:
         try:
             os.write(self.descriptor, data)
         except BlockingIOError:
-            pass  # an output buffer that stays full shows as a reply that stays out
+            pass  # a full output buffer leads to a missing reply
         except OSError as error:
             raise self._gone(error) from error
 
     def _gone(self, error: OSError | None) -> DriverError:
-        return DriverError(f"{self.name}: the port is gone ({error.strerror if error else 'hung up'})")
+        return DriverError(f"{self.name}: the port is lost ({error.strerror if error else 'closed'})")
 
     def _silence(self) -> str:
         if not self.received:
-            return "nothing came in; is the board powered, and is this its port?"
+            return "nothing was received; is the board powered, and is this its port?"
         bad = self.decoder.bad_coding + self.decoder.bad_crc
         return (
-            f"{self.received} bytes came in, with {bad} bad frames and no answer among them; "
-            "is driver.baud the board's, and does it speak docs/protocols/serial-dac.md?"
+            f"{self.received} bytes were received, with {bad} bad frames and no reply; "
+            "is driver.baud that of the board, and does it have the protocol of docs/protocols/serial-dac.md?"
         )
 
 
 def _sample_reply_to(seq: int, inputs: bool) -> Callable[[bytes], messages.SampleReply | None]:
-    """What picks the reply to one SAMPLE out of the payloads."""
+    """A function that returns the reply to one SAMPLE, and None for other payloads."""
 
     def wanted(payload: bytes) -> messages.SampleReply | None:
         reply = messages.sample_reply(payload, inputs=inputs)

@@ -1,4 +1,4 @@
-"""Memory of the compiled exchange: one block of int64 words, the byte buffers behind them."""
+"""Memory of the compiled exchange: one block of int64 words, followed by the byte buffers."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from drivers.serial_dac.framing import DECODER_SIZE, PAYLOAD_SIZE
 
 S_DESCRIPTOR: Final = 0
 S_LOST: Final = 1
-"""Not 0: the session is over (GONE, RESTARTED); the exchange touches the descriptor no more."""
+"""Not 0: the session has ended (GONE, RESTARTED); the exchange no longer uses the descriptor."""
 S_SEQ: Final = 2
 """seq of the last SAMPLE."""
 S_COMMAND_SEQ: Final = 3
-"""seq of the last COMMAND that went out whole."""
+"""seq of the last COMMAND that was sent completely."""
 S_UNPROVEN: Final = 4
-"""1: the last reply did not prove the last COMMAND; the next write says so."""
+"""1: the last reply did not prove the last COMMAND; the next write reports it."""
 S_TORN: Final = 5
-"""Not 0: a frame went out in part; this byte spoils it, and a delimiter ends it, before the next."""
+"""Not 0: a frame was sent in part; this byte makes it invalid, and a delimiter ends it, before the next."""
 S_COUNTS: Final = 6
-"""Encoder position, wrap removed."""
+"""Unwrapped encoder position."""
 S_COUNTER_BITS: Final = 7
 S_DAC_BITS: Final = 8
 S_TIMEOUT_NS: Final = 9
-"""Reply time-out of the options; 0: four fifths of a period, or S_REPLY_NS where that is longer."""
+"""Reply time-out of the options; 0: four fifths of a period, or S_REPLY_NS if that is longer."""
 S_REPLY_NS: Final = 10
 S_COMMAND_NS: Final = 11
-"""Wire time of a COMMAND: no reply is awaited later than this before the period's end."""
+"""Transmission time of a COMMAND: the wait for a reply ends this long before the end of the period."""
 S_STALE: Final = 12
-"""Replies with another seq, so far."""
+"""Number of replies with another seq."""
 S_BAD_FRAMES: Final = 13
 S_POSITION: Final = 14
-"""Scratch: place in the chunk."""
+"""Scratch: position in the chunk."""
 S_INPUTS: Final = 15
-"""1: samples bring the inputs, and the board lets the output go by itself once the enable input opens."""
+"""1: samples contain the inputs, and the board switches the output off when the enable input opens."""
 S_CLOCK: Final = 16
 _WORDS = S_CLOCK + SCRATCH
 
 GONE: Final = 1
-"""The port is gone, or closed."""
+"""The port is lost or closed."""
 RESTARTED: Final = 2
-"""The board is UNCONFIGURED: it has restarted since this session began, and lost its count."""
+"""The board is UNCONFIGURED: it has restarted during this session, and lost its count."""
 
 TX_SIZE: Final = 24
 CHUNK_SIZE: Final = 512
@@ -59,7 +59,7 @@ assert TX_SIZE >= 2 + budget.COMMAND_BYTES
 
 
 def new_state(descriptor: int, baud: int, reply_timeout_s: float | None, more: int = 0) -> NDArray[np.int64]:
-    """State of an exchange that has not begun, with so many bytes more a reply, shape (STATE_WORDS,)."""
+    """Initial state of an exchange, with ``more`` bytes per reply, shape (STATE_WORDS,)."""
     state = np.zeros(STATE_WORDS, np.int64)
     state[S_DESCRIPTOR] = descriptor
     state[S_TIMEOUT_NS] = round((reply_timeout_s or 0.0) * 1e9)

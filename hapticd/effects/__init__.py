@@ -1,8 +1,8 @@
-"""The catalogue of effects: physics that a device may have beyond eq. 1, one file an effect, in plain Python.
+"""The catalogue of effects: physics of a device beyond eq. 1, one file per effect, in plain Python.
 
-A file says all that is particular to its effect (`Effect`): parameters, law, what it acts on, where a fit may start, what
-it does to the theory, its words and its page of the documentation. `hapticd.effects.catalogue` collects the files here and
-those that others bring by entry points; `hapticd.plant` compiles the terms and puts them together into motion.
+A file contains everything about its effect (`Effect`): parameters, law, what it acts on, start values of a fit, its part
+in the theory, and its page of the documentation. `hapticd.effects.catalogue` collects the files here and
+those of other packages by entry points; `hapticd.plant` compiles the terms and simulates the motion.
 """
 
 from hapticd.effects.parameters import log_grid, magnitude, phase, phases, relative, shift

@@ -7,7 +7,7 @@ from hapticd.effects.spec import Effect, Notes
 
 
 def torque(coulomb: float, a: float) -> float:
-    """Return the constant torque −a c that the asymmetry amounts to."""
+    """Return the constant torque −a c that is equal to the asymmetry."""
     return -a * coulomb
 
 
@@ -19,17 +19,16 @@ EFFECT = Effect(
     acts_on="friction",
     source="Armstrong-Hélouvry, Dupont and Canudas de Wit 1994.",
     where_it_shows=(
-        "A residual torque that is the same in both directions; no data can tell it from a constant bias of −a c."
+        "A residual torque of −a c in both directions, at every speed: no data distinguish it from a constant bias."
     ),
     example="a: 0.2",
     notes=Notes(
-        in_data=("The two directions differ by 2 a c at every speed, exactly as under a constant torque of −a c."),
         told_apart=(
-            "With `constant_bias` of tau_0 = −a c it is one and the same model: no data separate the two. Which name is "
-            "right is decided at the device: unload it, or turn it round."
+            "`constant_bias` with tau_0 = −a c is the same model: no data separate the two. Which name is "
+            "right is found at the device: unload it, or turn it round."
         ),
-        shown_by="nothing on the data's side; the class is reported as one.",
-        in_theory="The weaker side counts.",
+        shown_by="no motion; both names are reported together.",
+        in_theory="The direction with less friction counts.",
         simulated="Closed form.",
     ),
     amplitude="a",

@@ -18,16 +18,15 @@ EFFECT = Effect(
     parameters=(relative("a", -1.0, 1.0),),
     acts_on="friction",
     source="Janot, Gautier and Brunot 2019 (EMPS).",
-    where_it_shows="A residual torque −a b |ω|, the same in both directions, that grows with speed.",
+    where_it_shows="A residual torque −a b |ω|: the same sign in both directions, zero at standstill.",
     example="a: 0.3",
     notes=Notes(
-        in_data=("A residual torque −a b |ω| that has the same sign in both directions and vanishes at standstill."),
         told_apart=(
             "`constant_bias` does not vanish at standstill. With motion at one speed only, or mostly one way, the two are "
             "confounded: report them as a pair."
         ),
         shown_by="equal motion both ways at several speeds, and slow reversals.",
-        in_theory="The weaker side counts.",
+        in_theory="The direction with less friction counts.",
         simulated="Closed form between stops; stops are located.",
     ),
     amplitude="a",

@@ -1,7 +1,7 @@
-"""Every effect: the files of this folder, and what other packages bring by entry points of the group ``hapticd.effects``.
+"""Every effect: the files of this folder, and those of other packages by entry points of the group ``hapticd.effects``.
 
-Such an entry point names an `Effect` and has the effect's slug as its name. One that cannot be used is no reason to refuse
-work that has nothing to do with it: it is left out, and whoever asks for it by name is told why (`BROKEN`).
+Such an entry point refers to an `Effect` and has the effect's slug as its name. One that cannot be used is left out,
+because it must not affect other work; a request for it by name gets the reason (`BROKEN`).
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from hapticd.effects.spec import ACTS_ON, Effect
 GROUP = "hapticd.effects"
 
 HOOK_ROOM = 64
-"""Words that a device vector has for effects whose law is called through a pointer (`hapticd.plant.layout`)."""
+"""Words of a device vector for effects whose law is called through a pointer (`hapticd.plant.layout`)."""
 HOOK_HEADER = 4
-"""Words of such an effect besides its parameters."""
+"""Words of such an effect before its parameters."""
 
 _NO_EFFECTS = frozenset({"catalogue", "pages", "parameters", "spec"})
 _HOOKS = {"force": 4, "friction": 3}
-"""Laws of an effect from outside, and how many arguments come before its parameters."""
+"""Laws of an effect from another package, and number of arguments before its parameters."""
 
 
 def _own() -> dict[str, Effect]:
@@ -38,7 +38,7 @@ def _own() -> dict[str, Effect]:
 
 
 def _with_outside(own: Mapping[str, Effect]) -> tuple[dict[str, Effect], dict[str, str]]:
-    """The effects of this folder and those of entry points, and why an entry point is left out."""
+    """The effects of this folder and of entry points, and the reason for each entry point that is left out."""
     effects, origins, broken = dict(own), {}, {}
     for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
         origin = (
@@ -58,7 +58,7 @@ def _with_outside(own: Mapping[str, Effect]) -> tuple[dict[str, Effect], dict[st
         effect = effects[slug]
         others = {*effect.near, *effect.equivalent_to, *effect.contains, *effect.excludes}
         if unknown := sorted(others - effects.keys()):
-            broken[slug] = f"{origin}: it names {', '.join(unknown)}, which the catalogue does not have"
+            broken[slug] = f"{origin}: it refers to {', '.join(unknown)}, which the catalogue does not have"
             del effects[slug]
             continue
         for other in effect.equivalent_to:
@@ -72,26 +72,26 @@ def _problems(entry: EntryPoint, effect: object, known: Mapping[str, Effect]) ->
         yield f"is not a hapticd.effects.Effect but {type(effect).__name__}"
         return
     if effect.slug != entry.name:
-        yield f"the effect's slug is {effect.slug}; entry point and slug have one name"
+        yield f"the effect's slug is {effect.slug}; the entry point must have the same name"
     if not re.fullmatch(r"[a-z][a-z0-9_]*", effect.slug):
-        yield "a slug is lower-case letters, digits and underscores"
+        yield "a slug must be lower-case letters, digits and underscores"
     if effect.slug in known:
-        yield "the catalogue has an effect of that name already"
+        yield "the catalogue already has an effect of that name"
     if effect.acts_on not in ACTS_ON:
         yield f"acts_on is {effect.acts_on!r}; must be one of {', '.join(ACTS_ON)}"
     elif effect.is_hooked and effect.acts_on not in _HOOKS:
-        yield f"acts_on is {effect.acts_on!r}; a law from outside is a {' or a '.join(_HOOKS)}"
+        yield f"acts_on is {effect.acts_on!r}; an effect of another package must have a {' or a '.join(_HOOKS)}"
     names = [parameter.name for parameter in effect.parameters]
     if not names or len(set(names)) < len(names) or "name" in names:
-        yield "it needs parameters, each with a name of its own other than 'name'"
+        yield "it needs parameters with different names, none of them 'name'"
     if effect.amplitude not in ("", *names[:1]):
-        yield f"its amplitude is {effect.amplitude!r}; the parameter in which a law is linear comes first"
+        yield f"its amplitude is {effect.amplitude!r}; it must be the first parameter, in which the law is linear"
     if not effect.is_hooked:
-        yield "it has neither a force nor a friction, so that the plant would not know what to do with it"
+        yield "it has neither a force nor a friction for the plant"
     room = HOOK_ROOM - 1 - sum(HOOK_HEADER + other.size for other in known.values() if other.is_hooked)
     if HOOK_HEADER + effect.size > room:
         left = max(room - HOOK_HEADER, 0)
-        yield f"there is room for {left} more parameters of effects from outside, and it has {effect.size}"
+        yield f"it has {effect.size} parameters; there is room for {left} more of effects of other packages"
     for hook, leading in _HOOKS.items():
         law = getattr(effect, hook)
         if law is not None and not _takes(law, leading + effect.size):
@@ -110,13 +110,13 @@ _OWN = _own()
 _ALL, _BROKEN = _with_outside(_OWN)
 
 CATALOGUE: Mapping[str, Effect] = MappingProxyType(_ALL)
-"""Slug to what is known of the effect: those of hapticd in the order of the documentation, then the others by name."""
+"""Slug to effect: those of hapticd in the order of the documentation, then the others by name."""
 
 OWN_SLUGS: tuple[str, ...] = tuple(_OWN)
-"""The effects that hapticd itself has."""
+"""The effects of hapticd itself."""
 
 EFFECT_SLUGS: tuple[str, ...] = tuple(CATALOGUE)
 """All effects."""
 
 BROKEN: Mapping[str, str] = MappingProxyType(_BROKEN)
-"""Name of an entry point that cannot be used to the reason, which names it."""
+"""Name of an entry point that cannot be used to the reason."""

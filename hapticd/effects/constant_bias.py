@@ -13,20 +13,17 @@ EFFECT = Effect(
     acts_on="force",
     source="Janot, Gautier and Brunot 2019 (EMPS) identify it as the offset of the drive.",
     where_it_shows=(
-        "The same residual torque at all speeds and positions; the two directions of motion differ by twice it."
+        "The same residual torque at all speeds and positions: the two directions differ by twice tau_0, also in the "
+        "current at which the shaft breaks away."
     ),
     example="tau_0: 5.0e-4",
     notes=Notes(
-        in_data=(
-            "The two directions of motion differ by twice tau_0; the shaft breaks away at different currents in the two "
-            "directions."
-        ),
         told_apart=(
-            "`asymmetric_coulomb` is the same model in another name (a = −tau_0 / c). `gravity` and `return_spring` "
+            "`asymmetric_coulomb` is the same model with another name (a = −tau_0 / c). `gravity` and `return_spring` "
             "change with position, which small motion hides; `asymmetric_viscous` vanishes at standstill."
         ),
         shown_by="motion both ways over the whole range of positions, slow reversals included.",
-        in_theory="It moves the place of rest and leaves the criterion alone.",
+        in_theory="It moves the position of rest and does not change the criterion.",
         simulated="Closed form.",
     ),
     amplitude="tau_0",

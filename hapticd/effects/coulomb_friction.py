@@ -1,4 +1,4 @@
-"""The Coulomb friction is not the model's: c → c(1 + r)."""
+"""The Coulomb friction differs from the model's: c → c(1 + r)."""
 
 from __future__ import annotations
 
@@ -13,15 +13,10 @@ EFFECT = Effect(
     acts_on="base",
     source="Eq. 1.",
     where_it_shows=(
-        "A residual torque that changes sign with the direction of motion and not with the speed; the shaft sticks at "
-        "other loads."
+        "A residual torque of constant magnitude with the sign of the motion; the shaft breaks away at another current."
     ),
     example="r: 0.5",
     notes=Notes(
-        in_data=(
-            "A residual torque that is constant but for its sign, which is the direction of motion; the shaft breaks away "
-            "at another current."
-        ),
         told_apart=(
             "`stribeck` adds friction only near standstill, `load_dependent_friction` only under current, `thermal_drift` "
             "only later in the record."

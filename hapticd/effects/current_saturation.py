@@ -26,10 +26,9 @@ EFFECT = Effect(
     parameters=(Parameter("i_max", "A", "A", neutral=math.inf, lower=1e-9, upper=1e6, scale="log", required=True),),
     acts_on="input",
     source="Current limit of the drive.",
-    where_it_shows="Residuals only where the command exceeds i_max, proportional to the excess.",
+    where_it_shows="Residuals only where the command exceeds i_max: K_t times the excess.",
     example="i_max: 1.5",
     notes=Notes(
-        in_data="Nothing below i_max; above it the residual torque is K_t times what is missing.",
         told_apart="`torque_constant_error` and `load_dependent_friction` show at small currents too.",
         shown_by="commands well above i_max for long enough to see the speed.",
         simulated="Closed form.",

@@ -1,4 +1,4 @@
-"""The command is on a coarse grid: i → q round(i/q)."""
+"""The command is quantised with a coarse step: i → q round(i/q)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from hapticd.effects.spec import Effect, Notes, Scale, Values
 
 
 def on_grid(current: float, q: float) -> float:
-    """Return the current on the grid; q = 0 leaves it as it is."""
+    """Return the current rounded to the step; q = 0 does not change it."""
     level = current / q if q > 0.0 else math.inf
-    # Beyond 2⁵³ a double has no finer grid than its own.
+    # Above 2⁵³ every double is a whole number.
     return q * math.copysign(float(round(abs(level))), level) if abs(level) < 2.0**53 else current
 
 
@@ -23,21 +23,20 @@ def _grid(scale: Scale) -> Iterable[Values]:
 
 EFFECT = Effect(
     slug="dac_quantization",
-    summary="The command passes a converter coarser than the model's.",
+    summary="The command passes a converter with a larger step than the model's.",
     law="i → q round(i / q), halves to even",
     parameters=(magnitude("q", ("A", "A"), 1e4),),
     acts_on="input",
     source=(
         "Resolution of a digital-to-analogue converter or of an integer drive object (CiA 402: 0.1 % of rated torque)."
     ),
-    where_it_shows="Residual torque as a sawtooth of the command; small commands do nothing.",
+    where_it_shows=(
+        "The residual torque over the commanded current is a sawtooth of amplitude K_t q / 2; commands below q / 2 have "
+        "no effect."
+    ),
     example="q: 0.02",
     notes=Notes(
-        in_data=(
-            "The residual torque over the commanded current is a sawtooth of amplitude K_t q / 2; commands below q / 2 do "
-            "nothing."
-        ),
-        told_apart=("Friction hides steps that are smaller than it; `current_saturation` acts at large currents only."),
+        told_apart=("Friction hides smaller steps; `current_saturation` acts at large currents only."),
         shown_by="slow ramps of small currents, many levels of q.",
         simulated="Closed form.",
     ),

@@ -9,7 +9,7 @@ from hapticd.effects.spec import Effect, Notes
 
 
 def measured(theta: float, e: float, phi: float) -> float:
-    """Return what the encoder sees of the true angle."""
+    """Return the measured angle for a true one."""
     return theta + e * math.sin(theta + phi) if e != 0.0 else theta
 
 
@@ -22,14 +22,11 @@ EFFECT = Effect(
     rotary_only=True,
     source="Disc eccentricity: error of one period a revolution (Heidenhain, Rotary Encoders).",
     where_it_shows=(
-        "Measured speed is modulated once a revolution in proportion to speed, which looks like a torque ∝ ω² cos."
+        "At constant speed the measured speed has one period per revolution with an amplitude proportional to speed, like "
+        "a torque proportional to its square."
     ),
     example="e: 0.01",
     notes=Notes(
-        in_data=(
-            "At constant speed the measured speed is modulated once a revolution in proportion to speed, and the apparent "
-            "torque with its square."
-        ),
         told_apart="`gravity` and `torque_ripple` of order 1 do not depend on speed.",
         shown_by="whole turns at two speeds.",
         simulated="Closed form.",

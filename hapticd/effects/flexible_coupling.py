@@ -30,15 +30,14 @@ EFFECT = Effect(
     ),
     acts_on="memory",
     source="Two-mass drive: Ellis and Lorenz 2000; f_r is the anti-resonance seen from the motor.",
-    where_it_shows="Ringing after every step at f_r / √(1 − load_share); the motor does not move at f_r.",
+    where_it_shows="After each step the shaft rings at f_r / √(1 − load_share); at f_r it hardly moves.",
     example="f_r: 60",
     notes=Notes(
-        in_data="After each step the shaft rings at f_r / √(1 − load_share); at f_r it hardly moves at all.",
         told_apart="`amplifier_lag` rings only after changes of the current; `backlash` is free within its gap.",
         shown_by="a chirp through f_r and its resonance.",
         simulated=(
-            "The load is exact behind a motor of constant acceleration, substeps keep 0.35 rad of the resonance each "
-            "(2·10⁻³ of the way in the tests); no step is unstable, momentum is kept to rounding."
+            "The load is exact for constant acceleration of the motor, substeps are at most 0.35 rad of the resonance "
+            "(2·10⁻³ of the distance in the tests); every step is stable and conserves momentum to rounding."
         ),
     ),
     grid=_grid,

@@ -7,7 +7,7 @@ from hapticd.effects.spec import Effect, Notes
 
 
 def torque(sine: float, m_g_l: float) -> float:
-    """Return the torque where the angle from the rest position has a sine, or over a way that has a mean of it."""
+    """Return the torque for the sine of the angle from the rest position, or for the mean of that sine over a path."""
     return -m_g_l * sine
 
 
@@ -19,18 +19,19 @@ EFFECT = Effect(
     acts_on="force",
     rotary_only=True,
     source="Statics of a pendulum.",
-    where_it_shows="A residual torque that is a sine of the position, one period a revolution.",
+    where_it_shows=(
+        "A residual torque that is a sine of the position, one period per revolution, largest a quarter turn from rest."
+    ),
     example="m_g_l: 3.0e-3",
     notes=Notes(
-        in_data="A residual torque that repeats once a revolution and is largest a quarter turn from rest.",
         told_apart=(
-            "Over small motion it is a `constant_bias` (far from rest) or a `return_spring` (near it); over whole turns "
+            "In small motion it is a `constant_bias` (far from rest) or a `return_spring` (near it); in whole turns "
             "it is a `torque_ripple` of order 1. `encoder_eccentricity` has the same period but grows with the square of "
             "the speed."
         ),
         shown_by="slow motion over at least half a turn, both ways.",
         simulated=(
-            "Second order in the substep; stops and breakaway are located (2·10⁻³ of the way or better in the tests)."
+            "Second order in the substep; stops and breakaway are located (2·10⁻³ of the distance or better in the tests)."
         ),
     ),
     amplitude="m_g_l",

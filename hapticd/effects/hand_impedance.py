@@ -1,4 +1,4 @@
-"""A grip that holds on for a while: inertia, damper and spring in parallel."""
+"""A hand that holds the device for a part of the record: inertia, damper and spring in parallel."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from hapticd.effects.spec import Complaint, Effect, Notes, Parameter, Values
 
 
 def is_gripped(time: float, on_s: float, off_s: float) -> bool:
-    """Whether the hand holds on at a time."""
+    """Whether the hand holds the device at a time."""
     return on_s <= time < off_s
 
 
 def until_switch(time: float, span: float, on_s: float, off_s: float) -> float:
-    """Return the part of `span` after `time` that ends at the next taking hold or letting go."""
+    """Return the part of `span` after `time` until the hand next takes or releases the device."""
     if time < on_s < time + span:
         return on_s - time
     if time < off_s < time + span:
@@ -26,7 +26,7 @@ def until_switch(time: float, span: float, on_s: float, off_s: float) -> float:
 def _joint_check(values: Values) -> Iterator[Complaint]:
     on_s = float(values.get("on_s", 0.0))
     if on_s >= values.get("off_s", math.inf):
-        yield Complaint("off_s", f"must be above {on_s:.15g} s, the hand's on_s", on_s, "s")
+        yield Complaint("off_s", f"must be above on_s = {on_s:.15g} s", on_s, "s")
 
 
 EFFECT = Effect(
@@ -46,18 +46,17 @@ EFFECT = Effect(
     ),
     acts_on="force",
     source="Sec. III-B of the paper; Kuchenbecker, Park and Niemeyer 2003.",
-    where_it_shows="Residuals of inertia, damping and stiffness that begin and end at once.",
+    where_it_shows=(
+        "Between two instants the device has more inertia, more damping, or a stiffness; before and after it has not."
+    ),
     example="m_h: 2.0e-6, b_h: 1.0e-4, k_h: 0.01",
     notes=Notes(
-        in_data=(
-            "Between two instants the device is heavier, more damped, or pulled to a place; before and after it is not."
-        ),
         told_apart="`return_spring`, `inertia_error` and `viscous_friction` last for the whole record.",
         shown_by=(
             "a record that begins and ends without the hand, with motion rich enough to separate inertia, damper and "
             "spring."
         ),
-        simulated="Closed form; taking hold and letting go are located inside a tick.",
+        simulated="Closed form; the instants of grip and release are located inside a tick.",
     ),
     near=("return_spring", "inertia_error", "viscous_friction"),
     contains=("inertia_error", "viscous_friction", "return_spring"),

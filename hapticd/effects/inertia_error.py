@@ -1,4 +1,4 @@
-"""The inertia is not the model's: J → J(1 + r)."""
+"""The inertia differs from the model's: J → J(1 + r)."""
 
 from __future__ import annotations
 
@@ -13,17 +13,14 @@ EFFECT = Effect(
     acts_on="base",
     source="Eq. 1; inertias on data sheets leave out shaft, coupling and handle.",
     where_it_shows=(
-        "Acceleration after every change of force is too large or too small by the same factor, in both directions."
+        "The acceleration after every change of force is wrong by one factor, in both directions and at all speeds; "
+        "steady motion is right."
     ),
     example="r: 0.2",
     notes=Notes(
-        in_data=(
-            "A current step gives the wrong acceleration from the first tick on, whatever the speed; in steady motion "
-            "nothing is wrong."
-        ),
         told_apart=(
             "`torque_constant_error` scales the torque, and so also the current at which the shaft breaks away; "
-            "`inertia_error` leaves that alone. Without friction the two are one, and J, b and c wrong by one common "
+            "`inertia_error` does not change that. Without friction the two are the same; J, b and c wrong by one common "
             "factor are always the same as K_t wrong by its inverse."
         ),
         shown_by="steps or a chirp well above the friction, and slow ramps through breakaway.",

@@ -19,14 +19,11 @@ EFFECT = Effect(
     acts_on="friction",
     source="Bearing friction proportional to load (SKF, Harris 2001); gear meshes likewise.",
     where_it_shows=(
-        "Friction is larger in ticks of large current; torque in motion is smaller than K_t i by a constant share."
+        "In motion under a large current friction is larger by kappa |K_t i|; coasting at the same speed shows none of "
+        "it."
     ),
     example="kappa: 0.1",
     notes=Notes(
-        in_data=(
-            "In motion under a large current friction is larger by kappa |K_t i|; coasting at the same speed shows none "
-            "of it."
-        ),
         told_apart=(
             "Driving in one direction, −kappa K_t i looks like a `torque_constant_error` of −kappa; braking, it has the "
             "other sign."

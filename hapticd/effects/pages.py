@@ -1,7 +1,7 @@
-"""The pages of the documentation that are made from the catalogue.
+"""The documentation pages made from the catalogue.
 
-``python -m hapticd.effects.pages docs/effects`` writes a page for each effect of hapticd, and the table in the README
-beside them; ``python -m hapticd.effects.pages FOLDER SLUG…`` the pages of those effects, anybody's, alone.
+``python -m hapticd.effects.pages docs/effects`` writes a page for each effect of hapticd, and the table in its README;
+``python -m hapticd.effects.pages FOLDER SLUG…`` only the pages of those effects, which may be of other packages.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def page(effect: Effect) -> str:
     source = "python -m hapticd.effects.pages"
     sections = {
         "Law": "\n\n".join([_law(effect.law), _parameters(effect), _example(effect)]),
-        "In data": _paragraphs(f"{effect.where_it_shows} {notes.in_data}"),
+        "In data": _paragraphs(effect.where_it_shows),
         "Confused with": _paragraphs(" ".join(others), notes.told_apart, experiment),
         "In theory": _paragraphs(_in_theory(effect)),
         "How it is simulated": _paragraphs(notes.simulated),
@@ -46,7 +46,7 @@ def table() -> str:
 
 
 def with_table(readme: str) -> str:
-    """The README with its table made anew."""
+    """The README with its table updated."""
     return _TABLE.sub(lambda match: table(), readme)
 
 
@@ -99,7 +99,7 @@ def _example(effect: Effect) -> str:
 
 def _in_theory(effect: Effect) -> str:
     if effect.in_loop is None:
-        return "The stability criterion leaves it out, and `hapticd check` says so; `hapticd simulate` knows it."
+        return "The stability criterion leaves it out, and `hapticd check` says so; `hapticd simulate` includes it."
     return f"The stability criterion counts it. {effect.notes.in_theory}"
 
 

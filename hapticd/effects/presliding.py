@@ -5,24 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from hapticd.effects.parameters import ANGLE, DAMPING, magnitude, small_ways
+from hapticd.effects.parameters import ANGLE, DAMPING, magnitude, small_displacements
 from hapticd.effects.spec import Effect, Notes, Scale, Values
 
 
-def bristle_after(z: float, steady: float, way: float) -> float:
-    """Return the deflection after a way in one direction: over the way the law is linear, whatever the speed.
+def bristle_after(z: float, steady: float, distance: float) -> float:
+    """Return the deflection after a distance in one direction: over distance the law is linear, at any speed.
 
     Args:
         z: deflection before [rad or m].
         steady: deflection in steady sliding, with the sign of the direction.
-        way: distance covered, ≥ 0.
+        distance: distance covered, ≥ 0.
     """
-    return steady + (z - steady) * math.exp(-way / abs(steady))
+    return steady + (z - steady) * math.exp(-distance / abs(steady))
 
 
 def _grid(scale: Scale) -> Iterable[Values]:
     starts = []
-    for breakaway in small_ways(scale, 3.0):
+    for breakaway in small_displacements(scale, 3.0):
         # Damping ratio ½ of the shaft on the bristle.
         half_damped = math.sqrt(scale.coulomb / breakaway * scale.inertia)
         starts += [{"breakaway": breakaway, "sigma_1": sigma_1} for sigma_1 in (half_damped, 0.05 * half_damped)]
@@ -40,25 +40,21 @@ EFFECT = Effect(
     acts_on="memory",
     source="Canudas de Wit, Olsson, Åström and Lischinsky 1995.",
     where_it_shows=(
-        "Small motion where the model sticks, hysteresis over position after every reversal; friction comes back over "
-        "a distance, not at once."
+        "Small reversing currents below the Coulomb friction move the shaft, and it springs back; after a reversal "
+        "friction over position is a curve, not a jump."
     ),
     example="breakaway: 2.0e-3",
     notes=Notes(
-        in_data=(
-            "Small reversing currents move the shaft although they are below the Coulomb friction, and it springs back; "
-            "friction as a function of position after a reversal is a curve, not a jump."
-        ),
         told_apart=(
             "`backlash` frees the shaft after a reversal, but without restoring force, and ends in a jump of the "
-            "velocity. `stribeck` depends on speed. In short reversals the three look alike."
+            "velocity. `stribeck` depends on speed. In short reversals the three are similar."
         ),
         shown_by=(
             "slow current ramps below breakaway, both ways, with an encoder finer than the breakaway displacement."
         ),
         simulated=(
-            "The bristle over the way is exact; the motion is second order over phases of at most a quarter of the "
-            "breakaway displacement while the bristle is far from steady sliding (3·10⁻³ of the way or better in the "
+            "The bristle over the distance is exact; the motion is second order over phases of at most a quarter of the "
+            "breakaway displacement while the bristle is far from steady sliding (3·10⁻³ of the distance or better in the "
             "tests). As the breakaway displacement goes to 0 it becomes Coulomb friction."
         ),
     ),

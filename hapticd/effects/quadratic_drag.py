@@ -9,7 +9,7 @@ from hapticd.effects.spec import Effect, Notes, Parameter, Scale, Values
 
 
 def relief(speed: float, d: float, friction: float) -> float:
-    """Return by how much d < 0 lowers the rest of the friction: |d| speed², and never more than there is."""
+    """Return by how much d < 0 lowers the other friction: |d| speed², at most all of it."""
     return min(-d * speed * speed, friction)
 
 
@@ -22,18 +22,17 @@ def _grid(scale: Scale) -> Iterable[Values]:
 EFFECT = Effect(
     slug="quadratic_drag",
     summary="Drag quadratic in speed; with d < 0 friction that grows less than linearly.",
-    law="−d ω|ω|, and for d < 0 no more than the rest of the friction: friction never pushes",
+    law="−d ω|ω|, for d < 0 at most the other friction: the sum never drives the shaft",
     parameters=(Parameter("d", "N m s²/rad²", "N s²/m²", neutral=0.0, lower=-1e4, upper=1e4, required=True),),
     acts_on="friction",
     source="Windage and lubricant churning; friction of greased gears is often degressive.",
-    where_it_shows="A residual torque curved over speed, odd in it.",
+    where_it_shows="The residual torque over velocity is a parabola, odd in velocity.",
     example="d: 2.0e-7",
     notes=Notes(
-        in_data="The residual torque over velocity is a parabola, odd in velocity.",
         told_apart="`viscous_friction` is a straight line; `stribeck` bends at low speed only.",
         shown_by="steady motion over a wide range of speeds, the largest at least three times the smallest.",
         simulated=(
-            "Second order in the substep; stops and breakaway are located (2·10⁻³ of the way or better in the tests)."
+            "Second order in the substep; stops and breakaway are located (2·10⁻³ of the distance or better in the tests)."
         ),
     ),
     amplitude="d",

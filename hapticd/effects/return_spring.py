@@ -21,13 +21,12 @@ EFFECT = Effect(
     parameters=(magnitude("k_s", STIFFNESS, 1e6), shift("theta_0")),
     acts_on="force",
     source="Hooke's law.",
-    where_it_shows="A residual torque linear in position, also at rest.",
+    where_it_shows="A residual torque linear in position, at every speed and at rest.",
     example="k_s: 0.01",
     notes=Notes(
-        in_data="A residual torque that is a straight line over position and does not depend on speed.",
         told_apart=(
-            "`gravity` near its rest position is the same line until the sine bends; `hand_impedance` is there for part "
-            "of the record only; over small motion away from theta_0 it is a `constant_bias`."
+            "`gravity` near its rest position is the same line until the sine bends; `hand_impedance` acts for part "
+            "of the record only; in small motion away from theta_0 it is a `constant_bias`."
         ),
         shown_by="slow motion over the whole range of positions.",
         simulated="Closed form.",

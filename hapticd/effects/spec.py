@@ -1,4 +1,4 @@
-"""What a file of the catalogue says of its effect."""
+"""The records of which the catalogue consists."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ Values = Mapping[str, Any]
 """Parameters by name: a number, or a list of numbers."""
 
 ActsOn = Literal["base", "friction", "force", "input", "timing", "memory", "measurement"]
-"""What an effect changes: a number of eq. 1; friction; the torques on the shaft; the current's size; its timing; what the
-device remembers besides position and velocity; what the encoder sees."""
+"""What an effect changes: a number of eq. 1; friction; the torques on the shaft; the current's size; its timing; states of
+the device besides position and velocity; what the encoder measures."""
 
 ACTS_ON: Final[tuple[str, ...]] = get_args(ActsOn)
 """In the order of the documentation."""
@@ -26,10 +26,10 @@ class Parameter:
         name: key in YAML and in ``gap.json``.
         unit: for a rotary device; "" for a pure number.
         unit_linear: for a linear device.
-        neutral: value while the effect is off, and where a config leaves an optional parameter out.
+        neutral: value while the effect is off, and default of an optional parameter.
         lower: smallest value that a config may give.
         upper: largest value that a config may give.
-        scale: "log" for a positive magnitude that a search should vary by factors, "linear" otherwise.
+        scale: "log" for a positive magnitude that a search varies by factors, "linear" otherwise.
         required: whether a config must give it.
         length: 1 for a number; otherwise the largest length of a list.
     """
@@ -45,13 +45,13 @@ class Parameter:
     length: int = 1
 
     def clamped(self, value: float) -> float:
-        """The value, or the bound that it passes."""
+        """The value, or the bound that it exceeds."""
         return min(max(value, self.lower), self.upper)
 
 
 @dataclass(frozen=True)
 class Scale:
-    """How large things are in a record and its model: what a fit's starting values are measured by.
+    """Magnitudes in a record and its model, for the start values of a fit.
 
     SI units, rotary or linear. Quantiles are of the whole record, rising.
 
@@ -87,11 +87,11 @@ class Scale:
 
 
 class LoopNumbers(Protocol):
-    """The numbers in SI units that the stability criterion knows of a loop (`hapticd.stability.numbers.Loop`)."""
+    """The numbers of a loop in the stability criterion, SI units (`hapticd.stability.numbers.Loop`)."""
 
     @property
     def inertia(self) -> float:
-        """Of what moves."""
+        """Moving inertia."""
 
     @property
     def viscous(self) -> float:
@@ -115,15 +115,15 @@ class LoopNumbers(Protocol):
 
     @property
     def force_error(self) -> float:
-        """Of a command, beside the encoder's."""
+        """Error of a command, besides the encoder's."""
 
     @property
     def hand_stiffness(self) -> float:
-        """Of what holds the shaft besides the virtual spring."""
+        """Stiffness of a hand in parallel with the virtual spring."""
 
 
 class Complaint(NamedTuple):
-    """What is wrong with parameters that are each valid on their own."""
+    """A problem of parameters that are each valid alone."""
 
     parameter: str
     message: str
@@ -133,17 +133,15 @@ class Complaint(NamedTuple):
 
 @dataclass(frozen=True)
 class Notes:
-    """What an effect's page says beyond the catalogue's own sentences; Markdown, a paragraph each.
+    """Further paragraphs of an effect's page; Markdown.
 
     Attributes:
-        in_data: more of what it does to recorded data.
-        told_apart: how it differs from the effects that it is confused with.
+        told_apart: differences from similar effects.
         shown_by: the motion that shows it.
-        in_theory: how the stability criterion counts it, where that is not plain.
-        simulated: how it is simulated, and how exactly.
+        in_theory: how the stability criterion counts it, if not obvious.
+        simulated: how it is simulated, with its accuracy.
     """
 
-    in_data: str = ""
     told_apart: str = ""
     shown_by: str = ""
     in_theory: str = ""
@@ -164,31 +162,31 @@ class Effect:
         law: the formula, in the symbols of the parameters.
         parameters: in the order of the device vector.
         acts_on: what it changes.
-        source: where the law comes from.
-        where_it_shows: what it does to recorded data.
+        source: of the law.
+        where_it_shows: its trace in recorded data.
         example: parameters as in a config: ``s: 0.4, omega_s: 3.0``.
         notes: the rest of its page.
-        amplitude: the parameter in which its force is linear, at least while small; "" for none.
-        reach: for the scale of a record, how far its first parameter may go in a fit where that is beyond its bounds: a
-            base parameter of next to nothing is wrong by a large factor.
-        grid: parameters from which a fit may start, for the scale of a record; none where they are found by other means.
-        equivalent_to: effects with the very same law in other parameters.
-        near: effects that only the right experiment tells apart.
+        amplitude: the parameter in which its force is linear, at least for small values; "" for none.
+        reach: for the scale of a record, limit of its first parameter in a fit if that is beyond its bounds: a
+            base parameter near zero may be wrong by a large factor.
+        grid: start values of a fit, for the scale of a record; none if they are found otherwise.
+        equivalent_to: effects with the same law in other parameters.
+        near: effects that only a suitable experiment distinguishes from it.
         contains: simpler effects that are limits of this one, over any motion or over a small one.
         excludes: effects that a device with this one cannot have.
-        rotary_only: whether its law is in an angle, and on a linear device would be the sine of a metre.
+        rotary_only: whether its law is in an angle, and so has no meaning on a linear device.
         accuracy: relative error of its simulation; 0 in closed form. No estimate of its parameters is better than that.
-        in_loop: from a loop and all parameters, the numbers of the loop that it changes, at its worst for stability; none
-            at all where it can do no harm. Without it the stability criterion leaves the effect out, and says so.
-        in_loop_exact: whether those numbers are all that it does to the loop, so that a proof for them holds.
-        joint_check: what is wrong with parameters that are each within their bounds.
+        in_loop: from a loop and all parameters, the numbers of the loop that it changes, in the worst case for stability;
+            empty if it cannot harm. Without it the stability criterion leaves the effect out, and says so.
+        in_loop_exact: whether it changes nothing else in the loop, so that a proof holds.
+        joint_check: problems of parameters that are each within their bounds.
         stiffness: from all parameters, the largest slope of its torque over the position [N m/rad or N/m], 0 while off; a
-            tick is divided so that no swing in it is missed.
+            tick is divided so that every oscillation is resolved.
         damping: likewise over the velocity [N m s/rad or N s/m], for a `force` or `friction` that depends on it.
         force: law of an effect that the plant's kernels do not know by name: the torque or force [N m or N] on the shaft
             as ``force(position, velocity, time, current, *parameters)``, lists element by element. Plain Python on floats
             and `math`, which is compiled; 0 where the first parameter is neutral.
-        friction: likewise what it adds to the Coulomb friction, ``friction(speed, torque, time, *parameters)``, at a speed
+        friction: likewise its addition to the Coulomb friction, ``friction(speed, torque, time, *parameters)``, at a speed
             ≥ 0 (0: stiction) under a motor torque.
     """
 
@@ -225,7 +223,7 @@ class Effect:
 
     @property
     def size(self) -> int:
-        """Numbers that its parameters take in all."""
+        """Number of elements of all parameters."""
         return sum(parameter.length for parameter in self.parameters)
 
     def complete(self, values: Values) -> dict[str, Any]:
@@ -237,7 +235,7 @@ class Effect:
         return whole
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        """Different finite parameters, within their bounds, from which a fit to a record of that scale may start."""
+        """Start values of a fit to a record of that scale: finite, different, within the bounds."""
         bounds = {p.name: p for p in self.parameters}
         found: list[dict[str, float]] = []
         for values in self.grid(scale):

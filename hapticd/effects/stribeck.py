@@ -1,4 +1,4 @@
-"""Friction that falls with speed from rest on, or rises (s < 0): c → c(1 + s exp(−(ω/ω_s)²))."""
+"""Friction that decreases with speed near rest, or rises (s < 0): c → c(1 + s exp(−(ω/ω_s)²))."""
 
 from __future__ import annotations
 
@@ -32,24 +32,20 @@ EFFECT = Effect(
     acts_on="friction",
     source="Armstrong-Hélouvry, Dupont and Canudas de Wit 1994 (Gaussian form).",
     where_it_shows=(
-        "Friction just before and after every stop: too much (s > 0), breakaway at c (1 + s), then a jump; or too little "
-        "(s < 0), and the shaft creeps away."
+        "Residuals at speeds below about two omega_s. With s > 0 there is too much friction before stops, breakaway at c "
+        "(1 + s), then a jump; with a spring, stick-slip. With s < 0 there is too little, and the shaft creeps away: "
+        "grease or seals that build up friction, or a smooth Coulomb friction such as c tanh(ω/ω_s)."
     ),
     example="s: 0.4, omega_s: 3.0",
     notes=Notes(
-        in_data=(
-            "Residuals concentrate at speeds below about two omega_s: before stops the shaft brakes too hard, and after "
-            "breakaway it jumps; with a spring it makes stick-slip. With s < 0 it is the other way round: grease or seals "
-            "that build up friction, or a smooth Coulomb friction such as c tanh(ω/ω_s)."
-        ),
         told_apart=(
             "`quadratic_drag` with d < 0 also bends the friction curve down, but at high speed; `presliding` delays "
             "friction over a distance rather than over a speed; `coulomb_friction` does not depend on speed."
         ),
         shown_by="slow ramps and slow sweeps that pass 0.3 to 3 omega_s several times both ways.",
-        in_theory="What counts is the least friction: c, or c (1 + s) where s < 0.",
+        in_theory="The smallest friction counts: c, or c (1 + s) if s < 0.",
         simulated=(
-            "Second order in the substep; stops and breakaway are located (2·10⁻³ of the way or better in the tests)."
+            "Second order in the substep; stops and breakaway are located (2·10⁻³ of the distance or better in the tests)."
         ),
     ),
     amplitude="s",

@@ -23,14 +23,13 @@ EFFECT = Effect(
     ),
     acts_on="friction",
     source="First-order warming; friction over temperature: Bittencourt and Gunnarsson 2012.",
-    where_it_shows="A Coulomb residual that grows over the record.",
+    where_it_shows="A Coulomb residual that grows over the record and levels off.",
     example="r: 0.4, t_w: 60",
     notes=Notes(
-        in_data="The Coulomb residual grows over the record and levels off.",
         told_apart=(
-            "`coulomb_friction` is there from the first second; over a record short against t_w only r / t_w is known."
+            "`coulomb_friction` acts from the first second; in a record short against t_w only r / t_w is known."
         ),
-        shown_by="the same motion again and again for several t_w, from cold.",
+        shown_by="the same motion repeated for several t_w, from cold.",
         in_theory="Cold or warm, whichever has less friction.",
         simulated="The factor is that of the middle of each substep.",
     ),

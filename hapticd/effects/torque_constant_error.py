@@ -1,4 +1,4 @@
-"""The torque constant is not the model's: K_t → K_t(1 + r)."""
+"""The torque constant differs from the model's: K_t → K_t(1 + r)."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ EFFECT = Effect(
     parameters=(relative("r", -0.8, 4.0),),
     acts_on="base",
     source="Winding tolerance and magnet temperature, ±10 % on most motor data sheets.",
-    where_it_shows="A residual torque proportional to the current, also at rest.",
+    where_it_shows="A residual torque proportional to K_t i, in motion and at breakaway.",
     example="r: -0.1",
     notes=Notes(
-        in_data="The residual torque is a constant share of K_t i, in motion and at breakaway.",
         told_apart=(
-            "`inertia_error` leaves breakaway where it is; `load_dependent_friction` changes sign between driving and "
+            "`inertia_error` does not change breakaway; `load_dependent_friction` changes sign between driving and "
             "braking; `current_saturation` shows at large currents only."
         ),
         shown_by="ramps through breakaway and steps, both ways.",
-        in_theory="The virtual spring is as much stiffer as the motor is stronger.",
+        in_theory="The virtual spring is stiffer by the same factor.",
         simulated="Closed form.",
     ),
     amplitude="r",

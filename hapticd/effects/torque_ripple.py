@@ -8,7 +8,7 @@ from hapticd.effects.parameters import NUMBER, TORQUE, phase
 from hapticd.effects.spec import Complaint, Effect, Notes, Parameter, Values
 
 ORDERS = 8
-"""Orders that an entry may hold."""
+"""Largest number of orders of one entry."""
 
 
 def gain(current: float, proportion: float) -> float:
@@ -17,7 +17,7 @@ def gain(current: float, proportion: float) -> float:
 
 
 def torque(sine: float, amplitude: float) -> float:
-    """Return the torque of one order where its phase has a sine, or over a way that has a mean of it."""
+    """Return the torque of one order for the sine of its phase, or for the mean of that sine over a path."""
     return amplitude * sine
 
 
@@ -51,20 +51,17 @@ EFFECT = Effect(
     ),
     acts_on="force",
     source="Cogging and commutation ripple: Jahns and Soong 1996.",
-    where_it_shows="A residual torque periodic in position; its order shows in a periodogram over the angle.",
+    where_it_shows="A residual torque periodic in position; its periodogram over the angle has lines at the orders.",
     example="orders: [7, 14], amplitudes: [4.0e-4, 1.0e-4], phases: [0.3, 1.2]",
     notes=Notes(
-        in_data=(
-            "The residual torque against position is periodic; its periodogram over the angle has lines at the orders."
-        ),
         told_apart=(
             "Order 1 is `gravity`; `encoder_eccentricity` is periodic too but grows with speed. Cogging "
             "(current_proportion = 0) and ripple of the current (1) are told apart by motion at two currents."
         ),
         shown_by="slow motion over several turns both ways, at two loads.",
         simulated=(
-            "Second order: the torque is averaged over the way of each substep, so that it does the work of its potential "
-            "(2·10⁻³ of the way or better in the tests)."
+            "Second order: the torque is averaged over the path of each substep, so that its work is that of its potential "
+            "(2·10⁻³ of the distance or better in the tests)."
         ),
     ),
     amplitude="amplitudes",

@@ -1,4 +1,4 @@
-"""The viscous friction is not the model's: b → b(1 + r)."""
+"""The viscous friction differs from the model's: b → b(1 + r)."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ EFFECT = Effect(
     parameters=(relative("r", -1.0, 20.0),),
     acts_on="base",
     source="Eq. 1.",
-    where_it_shows="A residual torque proportional to velocity.",
+    where_it_shows=(
+        "A residual torque proportional to velocity: constant-current runs settle at another speed, or decay at another "
+        "rate."
+    ),
     example="r: 3",
     notes=Notes(
-        in_data=(
-            "A residual torque proportional to velocity: constant-current runs settle at another speed, or decay at "
-            "another rate."
-        ),
         told_apart=(
-            "`quadratic_drag` bends over speed; `asymmetric_viscous` differs between the directions. One speed alone "
-            "tells none of them apart."
+            "`quadratic_drag` is curved over speed; `asymmetric_viscous` differs between the directions. One speed alone "
+            "distinguishes none of them."
         ),
         shown_by="steady motion at several speeds in both directions.",
         simulated="Closed form.",

@@ -156,7 +156,7 @@ INJECTIONS: Final = (
     ),
     Injection(
         "foreign_write",
-        "somebody else writes the drive's largest torque (0x6072) by SDO",
+        "another client writes the drive's largest torque (0x6072) by SDO",
         {"kind": "foreign_sdo", "object": 0x6072, "value": 0x7FFF, "size": 2},
         (CANOPEN,),
         ("driver_lost",),

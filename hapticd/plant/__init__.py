@@ -1,6 +1,6 @@
 """The device: exact propagation, friction, amplifier, encoder, an operator's hand.
 
-The public names below are imported on first use, because some users of this package need no compiled code.
+The public names below are imported at first use, because some modules need no compiled code.
 """
 
 from __future__ import annotations

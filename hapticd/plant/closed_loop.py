@@ -1,7 +1,7 @@
-"""The catalogue's effects where commands come one by one: in the loopback, in the simulated hardware.
+"""The catalogue's effects for commands that come one by one: in the loopback and the simulated hardware.
 
-The kernels of a whole record (`hapticd.plant.numeric`) work on whole ticks; here the plant is asked for any instant, and a
-step is divided so that no part is longer than the loop's period over its substeps.
+The kernels of a whole record (`hapticd.plant.numeric`) work on whole ticks; here the plant moves to any instant, and a
+step is divided so that no part is longer than the loop's period divided by its substeps.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _RESONANCE = index_of("flexible_coupling.f_r")
 _RESONANCE_SHARE = index_of("flexible_coupling.load_share")
 _HAND_OFF = index_of("hand_impedance.off_s")
 
-# A span that exceeds a whole number of longest steps by rounding only is not divided once more.
+# Relative tolerance, so that rounding of a whole number of longest steps adds no further step.
 _ROUNDING = 1e-9
 
 
@@ -58,7 +58,7 @@ def advance_with_effects(
         time: the plant's time at the start [s].
         span: duration [s].
         longest: longest substep [s].
-        aim: current that the amplifier aims at [A].
+        aim: set point of the amplifier's current [A].
     """
     count = max(math.ceil(span / longest - _ROUNDING), 1)
     h = span / count
@@ -76,11 +76,11 @@ def advance_with_effects(
 
 @njit(types.boolean(_a, _a, _f8, _f8), counted=False)
 def stays_with_effects(p: NDArray[Any], state: NDArray[Any], time: float, aim: float) -> bool:
-    """Whether friction holds a device for as long as the command stays as it is.
+    """Whether friction holds a device while the command is constant.
 
-    A bristle or a load on a spring may still swing: friction holds if it does against the largest torque that the energy in
-    the swing can give. A load that coasts towards a rigid contact does not stay, nor does a device that a hand is yet to
-    take or to leave.
+    A bristle or a load on a spring may still oscillate: friction must hold the largest torque that the energy of
+    the oscillation can give. The answer is no for a load that coasts towards a rigid contact, and for a device that a hand
+    will still take or release.
     """
     if time < p[_HAND_OFF] and has_hand(p):
         return False

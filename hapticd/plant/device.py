@@ -1,6 +1,6 @@
-"""The device as a Python object, usable on its own: the kernels of :mod:`hapticd.plant.kernel` behind a few methods.
+"""The device as a Python object, usable alone: methods for the kernels of :mod:`hapticd.plant.kernel`.
 
-Time is in seconds on an axis that begins with the object. Between two calls the motion is exact, whatever the step:
+Time is in seconds, 0 at the creation of the object. Between two calls the motion is exact for any step:
 
 >>> from hapticd.config import load_config
 >>> from hapticd.plant.device import Plant
@@ -33,7 +33,7 @@ Instant = tuple[int, float]
 
 
 def split_time(seconds: float) -> Instant:
-    """Split a time in seconds into an instant, keeping every digit that the double holds.
+    """Split a time in seconds into an instant, without loss of digits.
 
     Raises:
         ValueError: the time is not finite.
@@ -49,7 +49,7 @@ class Plant:
     """Amplifier, shaft, encoder and hand of one device.
 
     Args:
-        buffer: memory of the device, as :func:`hapticd.plant.kernel.init_plant` makes it; used, not copied.
+        buffer: memory of the device, from :func:`hapticd.plant.kernel.init_plant`; not copied.
     """
 
     def __init__(self, buffer: NDArray[np.float64]) -> None:
@@ -69,7 +69,7 @@ class Plant:
         return cls(kernel.init_plant(config, position, velocity))
 
     def advance(self, time: float) -> None:
-        """Move on to a time [s]; one that is not ahead of `time` changes nothing.
+        """Move to a time [s]; a time that is not after `time` changes nothing.
 
         Raises:
             ValueError: the time is not finite.
@@ -82,11 +82,11 @@ class Plant:
         kernel.plant_advance(self._f, self._i, ns, frac)
 
     def command(self, current: float, time: float) -> None:
-        """Give the amplifier a current [A] at a time [s], moving on to that time; the motor has it T_A later.
+        """Move to a time [s] and command a current [A]; it acts on the motor T_A later.
 
         Raises:
             ValueError: the time is not finite.
-            OverflowError: as many commands as the amplifier's delay can hold are waiting in it.
+            OverflowError: the queue of the amplifier's delay is full.
         """
         self.advance(time)
         lost = self._i[kernel.QUEUE_OVERFLOWS]
@@ -95,16 +95,16 @@ class Plant:
             raise OverflowError(f"{kernel.QUEUE_LENGTH} commands are already waiting in the amplifier's delay")
 
     def schedule_hand_force(self, times: Sequence[float], forces: Sequence[float]) -> None:
-        """Push with a piecewise constant force: ``forces[k]`` from ``times[k]`` on, exactly, whatever is asked between.
+        """Apply a piecewise constant force: ``forces[k]`` exactly from ``times[k]`` on.
 
-        Replaces an earlier schedule; until its first time the present `hand_force` stays.
+        It replaces an earlier schedule; until its first time the present `hand_force` acts.
 
         Args:
-            times: rising times [s], none before the present one.
-            forces: torques or forces [N m or N], as many.
+            times: rising times [s], from the present time on.
+            forces: torques or forces [N m or N], of the same length.
 
         Raises:
-            ValueError: the lengths differ, the times do not rise, or the first one is past.
+            ValueError: the lengths differ, the times do not rise, or the first one is in the past.
         """
         if len(times) != len(forces):
             raise ValueError(f"{len(times)} times for {len(forces)} forces")
@@ -147,7 +147,7 @@ class Plant:
 
     @property
     def hand_force(self) -> float:
-        """External torque or force on the shaft [N m or N]; setting it acts from the present time on."""
+        """External torque or force on the shaft [N m or N]; a new value acts from the present time on."""
         return float(self._f[kernel.HAND_FORCE])
 
     @hand_force.setter
@@ -156,5 +156,5 @@ class Plant:
 
     @property
     def buffer(self) -> NDArray[np.float64]:
-        """The device's memory, laid out as :mod:`hapticd.plant.kernel` says."""
+        """The device's memory, with the layout of :mod:`hapticd.plant.kernel`."""
         return self._f

@@ -1,4 +1,4 @@
-"""The effect terms that act on the shaft, compiled, and summed over a device vector (`hapticd.plant.layout`)."""
+"""The compiled effect terms that act on the shaft, and their sums for a device vector (`hapticd.plant.layout`)."""
 
 from __future__ import annotations
 
@@ -59,18 +59,18 @@ _ripple_gain = effect_term(torque_ripple.gain)
 _RIPPLE_ORDERS = torque_ripple.ORDERS
 
 STEADY_PART = 0.5
-"""Largest change of speed over which friction may be taken at the mean speed where it changes, in units of `speed_scale`."""
+"""Largest change of speed in a phase that takes friction at the mean speed, in units of `speed_scale`."""
 _STEADY_REACH = 4.0
-"""Speed in those units from which on friction is as good as constant."""
+"""Speed in those units above which friction counts as constant."""
 _SHORT = 0.5 * math.pi
-"""Half way up to which ten terms of the series of sin(half)/half are exact to rounding, and faster."""
+"""Largest angle for which ten terms of the series of sin(a)/a are exact to rounding, and faster."""
 SMALLEST_BREAKAWAY = 1e-12
-"""Breakaway displacement [rad or m] from which on `presliding` differs from stiction."""
+"""Breakaway displacement [rad or m] below which `presliding` is stiction."""
 
 
 @njit(types.boolean(_p), counted=False, inline=True)
 def has_smooth_terms(p: NDArray[Any]) -> bool:
-    """Whether a term is on that changes with position or speed, so that a step needs its middle."""
+    """Whether a term that changes with position or speed is on, so that a step needs a value at its middle."""
     return (
         p[_STRIBECK_S] != 0.0
         or p[_ASYMMETRIC_VISCOUS] != 0.0
@@ -103,9 +103,9 @@ def mean_sine(middle: float, half: float) -> float:
 
 @njit(_f8(_p, _f8, _f8), counted=False, reorder=True)
 def _ripple(p: NDArray[Any], middle: float, half: float) -> float:
-    """Return the torque of all orders over ``middle`` ± ``half``; unused ones have no amplitude.
+    """Return the mean torque of all orders over ``middle`` ± ``half``; unused orders have amplitude 0.
 
-    Without a branch, so that the processor takes several orders at once; a sine is that of the rest of its whole turns.
+    Without branches, for vector instructions; each sine is taken of the fraction of a turn.
     """
     orders = ripple = 0.0
     for k in range(_RIPPLE_ORDERS):
@@ -118,23 +118,23 @@ def _ripple(p: NDArray[Any], middle: float, half: float) -> float:
     for k in range(_RIPPLE_ORDERS):
         order = p[_ORDERS + k]
         turns = (order * middle + p[_PHASES + k]) * (1.0 / math.tau)
-        rest = turns - np.floor(turns) - 0.5  # half a turn less than it is: the sine's sign is changed below
+        rest = turns - np.floor(turns) - 0.5  # half a turn is subtracted, so the sine's sign is changed below
         size = abs(rest)
         angle = math.copysign(min(size, 0.5 - size), rest) * math.tau
-        way = order * half
-        ripple -= _ripple_torque(angle * _sinc(angle * angle) * _sinc(way * way), p[_AMPLITUDES + k])
+        angle_half = order * half
+        ripple -= _ripple_torque(angle * _sinc(angle * angle) * _sinc(angle_half * angle_half), p[_AMPLITUDES + k])
     return ripple
 
 
 @njit(_f8(_p, _f8, _f8, _f8, _f8, _f8), counted=False, inline=True)
 def field_torque(p: NDArray[Any], start: float, end: float, velocity: float, time: float, current: float) -> float:
-    """Return the torque of the terms that depend on position, and of those from outside.
+    """Return the torque of the terms that depend on position, and of those of other packages.
 
     Args:
         p: device vector.
-        start: position at the start of a way [rad or m], over which what the kernels know is averaged exactly.
-        end: position at its end; the same for a device at rest.
-        velocity: mean velocity on the way.
+        start: position at the start of a path [rad or m], over which the terms of the kernels are averaged exactly.
+        end: position at its end; equal to `start` for a device at rest.
+        velocity: mean velocity on the path.
         time: the plant's time [s].
         current: motor current [A].
     """
@@ -181,15 +181,15 @@ def coulomb_level(p: NDArray[Any]) -> float:
 
 @njit(types.boolean(_p), counted=False, inline=True)
 def has_bristle(p: NDArray[Any]) -> bool:
-    """Whether friction is elastic before it slides, over a way that matters."""
+    """Whether friction is elastic before it slides, over more than `SMALLEST_BREAKAWAY`."""
     return p[_BREAKAWAY] >= SMALLEST_BREAKAWAY and coulomb_level(p) > 0.0
 
 
 @njit(_f8(_p, _f8, _f8, _f8, _f8), counted=False, inline=True)
 def friction_level(p: NDArray[Any], speed: float, torque: float, warm: float, time: float) -> float:
-    """Return the Coulomb friction at a speed ≥ 0 under a motor torque at a time, `warm` times that of the cold device.
+    """Return the Coulomb friction at a speed ≥ 0, under a motor torque, at a time; `warm`: factor of the temperature.
 
-    At speed 0 it is stiction: what holds the shaft.
+    At speed 0 it is stiction.
     """
     level = coulomb_level(p) * warm
     if p[_STRIBECK_S] != 0.0:
@@ -203,10 +203,10 @@ def friction_level(p: NDArray[Any], speed: float, torque: float, warm: float, ti
 
 @njit(types.UniTuple(_f8, 2)(_p, _f8, _f8, _f8, _f8), counted=False, inline=True)
 def damping_at(p: NDArray[Any], speed: float, direction: float, level: float, viscous: float) -> tuple[float, float]:
-    """Return Coulomb and viscous friction that together act at a speed ≥ 0 in a direction ±1.
+    """Return the Coulomb and viscous friction at a speed ≥ 0 in a direction ±1.
 
-    Drag that grows is taken as viscous friction d·speed, which no step size makes unstable; drag with d < 0 lowers the
-    Coulomb part, and never lets the sum push.
+    Drag with d > 0 is taken as viscous friction d·speed, which is stable for any step size; drag with d < 0 lowers the
+    Coulomb part, but the sum stays ≥ 0.
     """
     if p[_ASYMMETRIC_VISCOUS] != 0.0:
         viscous = _directed_viscous(viscous, p[_ASYMMETRIC_VISCOUS], direction)
@@ -219,27 +219,27 @@ def damping_at(p: NDArray[Any], speed: float, direction: float, level: float, vi
 
 @njit(_f8(_p), counted=False, inline=True)
 def speed_scale(p: NDArray[Any]) -> float:
-    """Return the change of speed that changes the Coulomb friction; infinite where it does not depend on the speed."""
+    """Return the speed scale of the Coulomb friction; infinite if it does not depend on the speed."""
     return p[_STRIBECK_OMEGA] if p[_STRIBECK_S] != 0.0 else math.inf
 
 
 @njit(_f8(_p, _f8, _f8, _f8, _f8), counted=False, inline=True)
 def steady_span(p: NDArray[Any], speed: float, pull: float, inertia: float, span: float) -> float:
-    """Return how long friction may be taken at the mean speed: all of `span` where it hardly depends on the speed.
+    """Return the duration in which friction may be taken at the mean speed; `span` if it hardly depends on the speed.
 
     Args:
         p: device vector.
         speed: present speed ≥ 0.
-        pull: sum of all torques but friction, at present, along the motion.
-        inertia: what moves.
+        pull: present sum of all torques but friction, in the direction of motion.
+        inertia: moving inertia.
         span: longest duration [s].
     """
     if p[_STRIBECK_S] == 0.0:
         return span
-    # While the shaft moves its friction is between that of fast motion and stiction.
+    # While the shaft moves, its friction is between that of fast motion and stiction.
     level = coulomb_level(p)
     largest = max(abs(pull - level), abs(pull - level * (1.0 + p[_STRIBECK_S]))) / inertia
     omega_s = p[_STRIBECK_OMEGA]
-    # Far above half of the way to where friction begins to rise: what brakes besides may be as much again.
+    # Far above, half of the difference to the speed where friction begins to rise: other brakes may be as large.
     change = max(STEADY_PART * omega_s, 0.5 * (speed - _STEADY_REACH * omega_s))
     return min(span, change / max(largest, 1e-300))

@@ -1,4 +1,4 @@
-"""From the commands of a record to the current in the motor: link, converter, limit, delay, current loop."""
+"""From the commands of a record to the motor current: link, converter, limit, delay, current loop."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _saturate = effect_term(current_saturation.saturate)
 
 
 def largest_current(effects: Iterable[Effect]) -> float:
-    """What the amplifier can deliver at most by a model's effects, A; infinite where none limits it."""
+    """Largest current of the amplifier with a model's effects, A; infinite if none limits it."""
     limits = [
         float((effect.model_extra or {})["i_max"])
         for effect in effects
@@ -44,19 +44,19 @@ def largest_current(effects: Iterable[Effect]) -> float:
 
 @njit(_f8(_a, _f8), counted=False, inline=True)
 def delivered(p: NDArray[Any], command: float) -> float:
-    """Return the current that the amplifier aims at for a command that has arrived: on the grid, then limited."""
+    """Return the amplifier's set point for a command that has arrived: quantised, then limited."""
     return _saturate(_on_grid(command, p[_GRID]), p[_LIMIT])
 
 
 @njit(types.UniTuple(_f8, 3)(_a, _f8, _f8, _f8, _f8), counted=False)
 def lagged(p: NDArray[Any], current: float, rate: float, aim: float, span: float) -> tuple[float, float, float]:
-    """Move the current loop exactly through a time of constant aim.
+    """Move the current loop exactly through a time of constant set point.
 
     Args:
         p: device vector.
         current: motor current [A].
         rate: its derivative [A/s].
-        aim: current aimed at [A].
+        aim: set point [A].
         span: duration [s].
 
     Returns:
@@ -84,14 +84,14 @@ def electrical(
     """Find the motor current of a whole record, as its mean over each substep.
 
     Commands switch the current at their time plus the delay, wherever that falls inside a substep; the current loop is
-    exact. Before the first command takes effect its value is assumed to have been there for long.
+    exact. Before the first command takes effect, the current is its steady state.
 
     Args:
         p: device vector, shape (SIZE,).
         time_s: times of the commands [s], shape (n,), strictly rising; row k covers [t_k, t_(k+1)), the last one as long
             as the one before.
         current: commands [A], shape (n,).
-        lost: 1 where the command did not arrive and the one before stays, shape (n,).
+        lost: 1 where the command did not arrive and the previous one stays, shape (n,).
         substeps: equal parts of each row.
         out: mean current [A], shape (n, substeps).
     """

@@ -8,7 +8,7 @@ which F does not change, in closed form. While the velocity keeps its sign, with
     φ₁(z) = (eᶻ − 1)/z,             φ₂(z) = (eᶻ − 1 − z)/z².
 
 Friction brings a decelerating mass to rest after m/b·log(1 + w), w = b·|v|/(c − F·sgn v); it then sticks (|F| ≤ c) or
-reverses. Nothing is stepped and nothing has a tolerance. All functions work in any consistent system of units: SI, or
+reverses. There is no time step and no tolerance. All functions work in any consistent system of units: SI, or
 the paper's ticks and periods with (inertia, viscous, coulomb) = (μ, β, σ).
 
 The same motion with a linear spring added is in `hapticd.plant.spring`; see docs/explanation/exact-plant.md.
@@ -53,10 +53,10 @@ def phi_functions(z: float) -> tuple[float, float, float]:
 
 
 @njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8))
-def time_and_way_to_rest(speed: float, deceleration: float, rate: float) -> tuple[float, float]:
-    """Return when and where v′ = −deceleration − rate·v brings a speed to zero.
+def time_and_distance_to_rest(speed: float, deceleration: float, rate: float) -> tuple[float, float]:
+    """Return time and distance in which v′ = −deceleration − rate·v brings a speed to zero.
 
-    With w = rate·speed/deceleration the time is log(1+w)/rate and the way speed/rate·(1 − log(1+w)/w).
+    With w = rate·speed/deceleration the time is log(1+w)/rate and the distance speed/rate·(1 − log(1+w)/w).
 
     Args:
         speed: initial speed, > 0.
@@ -73,7 +73,7 @@ def time_and_way_to_rest(speed: float, deceleration: float, rate: float) -> tupl
         without_drag = speed / deceleration
         return 2.0 * r * (1.0 + q * tail) * without_drag, (r - 2.0 * r * r * s * tail) * speed * without_drag
     if not w < _LARGEST:
-        # The deceleration is as good as none: the drag has long taken all there is to take.
+        # The deceleration is negligible: viscous friction alone stops the mass.
         w = _LARGEST
     logarithm = math.log1p(w)
     return logarithm / rate, speed / rate * (1.0 - logarithm / w)
@@ -83,26 +83,26 @@ def time_and_way_to_rest(speed: float, deceleration: float, rate: float) -> tupl
 def glide(
     v: float, g: float, rate: float, dt: float, exponential: float, phi1: float, phi2: float
 ) -> tuple[float, float, float]:
-    """Move by v′ = g − rate·v to the first stop, or to the end of `dt`: the closed form that all motion is made of.
+    """Move by v′ = g − rate·v to the first stop, or to the end of `dt`: the closed form of all motion.
 
     Args:
-        v: initial velocity; zero for a mass that g ≥ 0 sets off.
-        g: acceleration by all constant forces, Coulomb friction among them.
+        v: initial velocity; zero for a mass that g ≥ 0 starts.
+        g: acceleration by all constant forces, including Coulomb friction.
         rate: decay rate b/m, ≥ 0.
         dt: duration, ≥ 0.
-        exponential: eᶻ of z = −rate·dt; phi1: φ₁(z); phi2: φ₂(z), as `phi_functions` has them.
+        exponential: eᶻ of z = −rate·dt; phi1: φ₁(z); phi2: φ₂(z), from `phi_functions`.
 
     Returns:
-        Way, end velocity and time taken: at a stop zero velocity and at most `dt`, else `dt`. Not-a-number comes through.
+        Displacement, final velocity and duration: at a stop zero velocity and at most `dt`, else `dt`. NaN propagates.
     """
     gained = g * dt
     end = v * exponential + gained * phi1
     direction = math.copysign(1.0, v)
-    # Speed is monotone in time here, so an end in the same direction means no stop on the way. Written to let NaN pass.
+    # Speed is monotone in time here, so a final speed in the same direction means no stop. NaN propagates.
     if not direction * end <= 0.0 or direction * g >= 0.0:
         return dt * (v * phi1 + gained * phi2), end, dt
-    time, way = time_and_way_to_rest(abs(v), abs(g), rate)
-    return direction * way, 0.0, min(time, dt)
+    time, distance = time_and_distance_to_rest(abs(v), abs(g), rate)
+    return direction * distance, 0.0, min(time, dt)
 
 
 @njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8), inline=True)
@@ -118,12 +118,12 @@ def step(
     phi1: float,
     phi2: float,
 ) -> tuple[float, float]:
-    """`propagate`, for those who have `phi_functions(-viscous * dt / inertia)` at hand because their `dt` never changes."""
+    """`propagate` for a constant `dt`, with given `phi_functions(-viscous * dt / inertia)`."""
     remaining = dt
     if v != 0.0:
         g = (force - math.copysign(coulomb, v)) / inertia
-        way, v, time = glide(v, g, viscous / inertia, dt, exponential, phi1, phi2)
-        x += way
+        distance, v, time = glide(v, g, viscous / inertia, dt, exponential, phi1, phi2)
+        x += distance
         if v != 0.0:
             return x, v
         remaining -= time
@@ -151,8 +151,8 @@ def propagate(
         coulomb: Coulomb friction [N m or N], ≥ 0; a mass at rest stays there while |force| ≤ coulomb.
 
     Returns:
-        Position and velocity after `dt`, accurate to 1e-12 relative to max(|x|, |v|·dt). A not-a-number that the motion
-        depends on comes through as one.
+        Position and velocity after `dt`, accurate to 1e-12 relative to max(|x|, |v|·dt). A NaN that the motion
+        depends on propagates.
     """
     if v == 0.0 and abs(force) <= coulomb:
         return x, 0.0

@@ -1,4 +1,4 @@
-"""A hand that turns a free shaft by a given angle and lets it come to rest: which force it needs, and for how long."""
+"""Force and duration with which a hand moves a free shaft by a given displacement until it rests."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ _HALVINGS = 40
 
 
 def turning_force(config: Config, travel: float, seconds: float = 1.0) -> tuple[float, float]:
-    """A constant force, and how long it acts on a device at rest until the device comes to rest ``travel`` further.
+    """A constant force, and its duration, that moves a device from rest to rest by ``travel``.
 
     Args:
-        config: plant and hand of the device. travel: rad or m, signed. seconds: roughly how long the push takes.
+        config: plant and hand of the device. travel: rad or m, signed. seconds: rough duration of the force.
 
     Returns:
         N m or N, and s.
 
     Raises:
-        ValueError: the device has no Coulomb friction, and comes to rest nowhere in particular.
+        ValueError: the device has no Coulomb friction, so that its position of rest is not determined.
     """
     plant = config.plant
     if plant.coulomb <= 0.0:

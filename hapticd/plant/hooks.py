@@ -1,4 +1,4 @@
-"""Effect terms that the kernels do not know by name: called through the addresses in the device vector (`layout`)."""
+"""Effect terms of other packages: called through the addresses in the device vector (`layout`)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _p = types.Array(_f8, 1, "C")
 
 @njit(types.boolean(_p), counted=False, inline=True)
 def are_installed(p: NDArray[Any]) -> bool:
-    """Whether there are such effects at all; the other functions here need not be called if not."""
+    """Whether there are such effects; if not, the other functions need not be called."""
     return p[HOOKS + HOOK_SIZE] != 0.0
 
 
@@ -60,7 +60,7 @@ def hooked_torque(p: NDArray[Any], position: float, velocity: float, time: float
 
 @njit(_f8(_p, _f8, _f8, _f8), counted=False)
 def hooked_friction(p: NDArray[Any], speed: float, torque: float, time: float) -> float:
-    """Return the sum of what they add to the Coulomb friction."""
+    """Return the sum of their additions to the Coulomb friction."""
     total = 0.0
     block = HOOKS
     while p[block + HOOK_SIZE] != 0.0:

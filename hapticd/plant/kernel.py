@@ -1,13 +1,13 @@
 """One simulated device as compiled kernels on one block of memory: amplifier, shaft, encoder, hand.
 
-The block is a contiguous float64 buffer ``f``; ``i = f.view(int64)`` is the same memory read as integers. The indices
+The block is a contiguous float64 buffer ``f``; ``i = f.view(int64)`` is the same memory as integers. The indices
 below are its layout, so that the loopback driver, the simulated hardware and the Python class share one plant.
 
-Instants are (ns, fraction of a ns): an int64 and a float64 in [0, 1), so that a period such as 1/3 ms loses nothing over
-any number of ticks. A commanded current takes effect T_A = 2 δ_A/ω_A later (eq. 5); between two such switches the force is
+Instants are (ns, fraction of a ns): an int64 and a float64 in [0, 1), so that a period such as 1/3 ms has no drift over
+any number of ticks. A commanded current takes effect T_A = 2 δ_A/ω_A later (eq. 5); between two such changes the force is
 constant and the motion is exact (:mod:`hapticd.plant.exact`, with a hand's stiffness :mod:`hapticd.plant.spring`); or it
-reaches a current loop of second order (:mod:`hapticd.plant.lagged`). Effects of the catalogue that are edits of that model
-(another inertia, a bias, a delay) leave it exact; with the others the motion is that of :mod:`hapticd.plant.closed_loop`.
+reaches a second-order current loop (:mod:`hapticd.plant.lagged`). Effects of the catalogue that are edits of that model
+(another inertia, a bias, a delay) keep it exact; with the others the motion is that of :mod:`hapticd.plant.closed_loop`.
 """
 
 from __future__ import annotations
@@ -47,19 +47,19 @@ CURRENT = 4
 HAND_FORCE = 5
 """External torque or force of a hand, N m or N; may be changed between two advances."""
 INERTIA = 6
-"""Device and grip together, kg m² or kg."""
+"""Sum of device and grip, kg m² or kg."""
 VISCOUS = 7
-"""Device and grip together, N m s/rad or N s/m."""
+"""Sum of device and grip, N m s/rad or N s/m."""
 COULOMB = 8
 """N m or N."""
 STIFFNESS = 9
 """Of the grip, N m/rad or N/m, about HAND_REST."""
 HAND_REST = 10
-"""Where the grip's spring is relaxed, rad or m."""
+"""Rest position of the grip's spring, rad or m."""
 TORQUE_CONSTANT = 11
 """N m/A or N/A."""
 LAG_NS = 12
-"""After how many ns a command takes effect, or reaches the current loop: T_A for an amplifier that is a delay."""
+"""Time in ns until a command takes effect, or reaches the current loop: T_A for an amplifier that is a delay."""
 DAC_STEP = 13
 """A; 0 for none."""
 DAC_MAX_CODE = 14
@@ -75,19 +75,19 @@ QUEUE_HEAD = 18
 QUEUE_TAIL = 19
 """i64: commands taken out."""
 QUEUE_OVERFLOWS = 20
-"""i64: commands that found the queue full and took the place of the newest one waiting."""
+"""i64: commands that met a full queue and replaced the newest one waiting."""
 BIAS = 21
 """Constant torque or force of the device itself, N m or N."""
 AIM = 22
-"""Current that the amplifier aims at now, A; CURRENT follows it at once but for a current loop of its own."""
+"""Present set point of the amplifier, A; without a current loop CURRENT follows it at once."""
 AGE = 23
-"""Time for which the plant has moved, s: what effects that begin or drift in time go by."""
+"""Time for which the plant has moved, s, for effects that depend on time."""
 HAS_EFFECT_TERMS = 24
-"""i64: 1 when an effect is on that the closed form does not cover."""
+"""i64: 1 if an effect is on that the closed form does not cover."""
 LONGEST_STEP = 25
 """Longest substep of such effects, s."""
 LINK = 26
-"""i64: state of the random numbers by which a link loses commands."""
+"""i64: state of the random numbers for lost commands."""
 CURRENT_RATE = 27
 """Derivative of CURRENT over the current loop's ω, A."""
 NATURAL = 28
@@ -95,13 +95,13 @@ NATURAL = 28
 DAMPING = 29
 """Its damping ratio δ."""
 FINEST = 30
-"""Parts a second into which its motion is divided where the shaft may stop."""
+"""Parts per second into which its motion is divided if the shaft may stop."""
 HEADER_WORDS = 32
 
 QUEUE_LENGTH = 4096
 """Commands that can wait inside T_A; a power of two."""
 _MASK = QUEUE_LENGTH - 1
-# The dither draws from the same seed, and the two must not fall together.
+# The dither uses the same seed, and the two must not be correlated.
 _OF_LINK = 0x6C696E6B
 _EXTERNAL = effects.index_of("external_force")
 _TRANSPORT_DELAY = effects.index_of("transport_delay.t_d")
@@ -109,7 +109,7 @@ _LOSS = effects.index_of("dropped_samples.p")
 _LAG = effects.index_of("amplifier_lag.f_a")
 _LAG_DAMPING = effects.index_of("amplifier_lag.delta")
 _is_lost = effect_term(dropped_samples.is_lost)
-# Divided by, not multiplied with 1e-9, which no double holds: 10⁶ ns are then the very double 0.001 s.
+# Divided by, not multiplied with 1e-9, which is not exact in a double: 10⁶ ns are then exactly the double 0.001 s.
 _NS_PER_SECOND = 1e9
 _COUNT_LIMIT = 2.0**62
 _DUE_NS = HEADER_WORDS
@@ -126,17 +126,17 @@ PLANT_SIZE = _SPAN + SPAN_WORDS
 def init_plant(
     config: Config, position: float = 0.0, velocity: float = 0.0, *, current_loop: bool = False
 ) -> NDArray[np.float64]:
-    """A new block for a config's ``plant``, ``hand``, ``amplifier`` and ``encoder``, at instant 0 with no current.
+    """A new block for a config's ``plant``, ``hand``, ``amplifier`` and ``encoder``, at instant 0 with zero current.
 
-    The grip's spring is relaxed at the virtual spring's origin: it acts in parallel with it (Sec. III-B). With
-    ``dac_bits`` 0 the converter is ideal and has no full scale either; ``peak_current`` still limits.
+    The grip's spring has its rest at the virtual spring's origin: it acts in parallel with it (Sec. III-B). With
+    ``dac_bits`` 0 the converter is ideal, without full scale; ``peak_current`` still limits.
 
     Args:
         config: resolved configuration.
         position: true initial position, rad or m.
         velocity: true initial velocity, rad/s or m/s.
-        current_loop: whether the amplifier is its current loop of second order, and not the delay (5) of it. With the
-            effect ``amplifier_lag`` it is the delay in any case, and that effect the current loop behind it.
+        current_loop: whether the amplifier is a second-order current loop, and not its delay (5). With the
+            effect ``amplifier_lag`` it is always the delay, and that effect is the current loop behind it.
 
     Returns:
         Shape (PLANT_SIZE,), float64.
@@ -164,7 +164,7 @@ def init_plant(
 
 
 def _add_effects(f: NDArray[np.float64], i: NDArray[np.int64], config: Config, current_loop: bool) -> None:
-    """Put a config's effects into a block: as an edit of the base model or its current loop, or else as terms."""
+    """Add a config's effects to a block: as an edit of the base model or its current loop, or else as terms."""
     p = f[DEVICE:_STATE]
     p[:] = effects.device_vector(config)
     (
@@ -206,14 +206,14 @@ def _move_with_effect_terms(f: NDArray[Any], dt: float) -> None:
 @njit("void(float64[::1], float64)", counted=False)
 def _move_behind_current_loop(f: NDArray[Any], dt: float) -> None:
     made, given = f[_SPAN:PLANT_SIZE], f[HAND_FORCE] + f[BIAS]
-    if made[0] != dt:  # periods are alike
+    if made[0] != dt:  # most periods are equal
         prepare(f[NATURAL], f[DAMPING], f[INERTIA], f[VISCOUS], f[FINEST], dt, made)
     constant, stretch = f[TORQUE_CONSTANT], f[POSITION] - f[HAND_REST] if f[STIFFNESS] > 0.0 else f[POSITION]
     after, f[VELOCITY], force, rate, _, _ = lagged_motion(
         stretch, f[VELOCITY], constant * f[CURRENT] + given, constant * f[CURRENT_RATE], constant * f[AIM] + given,
         f[INERTIA], f[VISCOUS], f[COULOMB], f[STIFFNESS], made,
     )  # fmt: skip
-    # a shaft that stiction holds keeps its position to the bit
+    # a shaft held by stiction keeps its position exactly
     if after != stretch:
         f[POSITION] = after + f[HAND_REST] if f[STIFFNESS] > 0.0 else after
     f[CURRENT], f[CURRENT_RATE] = (force - given) / constant, rate / constant
@@ -242,7 +242,7 @@ def _take_effect(f: NDArray[Any], current: float) -> None:
 
 @njit("void(float64[::1], int64[::1], int64, float64)", inline=True, counted=False)
 def plant_advance(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float) -> None:
-    """Move the shaft to an instant, through every switch of the current on the way; an instant in the past does nothing."""
+    """Move the shaft to an instant, with every change of the current before it; an instant in the past does nothing."""
     while i[QUEUE_TAIL] < i[QUEUE_HEAD]:
         slot = i[QUEUE_TAIL] & _MASK
         due_ns, due_frac = i[_DUE_NS + slot], f[_DUE_FRAC + slot]
@@ -264,12 +264,12 @@ def plant_advance(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float) -> Non
 
 @njit("void(float64[::1], int64[::1], int64, float64, float64)", inline=True, counted=False)
 def plant_current(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, current: float) -> None:
-    """Queue a current (A) for the motor: put on the DAC's grid, limited, and in force T_A later.
+    """Queue a current (A) for the motor: quantised by the DAC, limited, effective T_A later.
 
-    To switch the amplifier off, give it 0 A here; no link can lose that.
+    Use it with 0 A to switch the amplifier off, because no link can lose it.
 
-    Commands take effect in the order in which they were given. One whose effect is already past takes effect as soon as
-    the shaft next moves; not-a-number is zero current.
+    Commands take effect in the order in which they were given. One that should already act takes effect when
+    the shaft next moves; NaN is zero current.
     """
     if math.isnan(current):
         current = 0.0
@@ -307,7 +307,7 @@ def plant_command(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, curren
 
 @njit("UniTuple(int64, 2)(float64[::1], int64[::1])", counted=False)
 def plant_next_switch(f: NDArray[Any], i: NDArray[Any]) -> tuple[int, int]:
-    """Instant (whole ns, rounded up) at which the next waiting command takes effect, and how many wait; 0, 0 for none."""
+    """Instant (whole ns, rounded up) at which the next waiting command takes effect, and number waiting; 0, 0 for none."""
     waiting = i[QUEUE_HEAD] - i[QUEUE_TAIL]
     if waiting == 0:
         return 0, 0
@@ -318,10 +318,10 @@ def plant_next_switch(f: NDArray[Any], i: NDArray[Any]) -> tuple[int, int]:
 
 @njit("int64(float64[::1], int64[::1])", inline=True, counted=False)
 def plant_counts(f: NDArray[Any], i: NDArray[Any]) -> int:
-    """What the encoder counts: ⌊x/δ⌋, negated when it is mounted the other way round.
+    """The encoder's count: ⌊x/δ⌋, negated if it is inverted.
 
-    Negating the floor, not the position, makes a loop that undoes the sign see the same counts as without it. The count
-    ends at ±2⁶², and is −2⁶² for not-a-number: a jump that no loop takes for a movement.
+    Because the floor and not the position is negated, a loop that inverts the sign again gets the same counts. The count
+    is limited to ±2⁶², and is −2⁶² for NaN: a jump that no loop takes for a motion.
     """
     level = np.floor(measured(f[DEVICE:_STATE], f[POSITION]) / f[RAW_RESOLUTION])
     if level > _COUNT_LIMIT:
@@ -334,7 +334,7 @@ def plant_counts(f: NDArray[Any], i: NDArray[Any]) -> int:
 
 @njit("boolean(float64[::1], int64[::1])", counted=False)
 def plant_stays(f: NDArray[Any], i: NDArray[Any]) -> bool:
-    """Whether the shaft is at rest and stiction holds it for as long as the current stays as it is."""
+    """Whether the shaft is at rest and stiction holds it while the current is constant."""
     if i[HAS_EFFECT_TERMS] != 0:
         f[DEVICE + _EXTERNAL] = f[HAND_FORCE]
         f[_STATE + effects.THETA], f[_STATE + effects.OMEGA] = f[POSITION], f[VELOCITY]

@@ -1,13 +1,13 @@
-"""Exact motion of a mass behind a current loop of second order, i″ = ω²(u − i) − 2δω i′, from command to command.
+"""Exact motion of a mass behind a second-order current loop, i″ = ω²(u − i) − 2δω i′, from command to command.
 
-With z = (i − u, i′/ω) and the command u held, z′ = Mz with M = [[0, ω], [−ω, −2δω]], and |z| never grows. A mass that slides
-one way, v′ = (u − sσ + z₁)/μ − rv with r = β/μ, then has the closed form
+With z = (i − u, i′/ω) and a constant command u, z′ = Mz with M = [[0, ω], [−ω, −2δω]], and |z| never grows. A mass that
+slides in one direction, v′ = (u − sσ + z₁)/μ − rv with r = β/μ, then has the closed form
 
     v = pz + (v₀ − pz₀)e^(−rτ) + …,      x = x₀ + m(z − z₀) + (v₀ − pz₀)τφ₁ + …,      p(M + rI) = (1, 0)/μ,   m = pM⁻¹,
 
-where … is the motion under the constant force u − sσ. It is taken wherever no stop is possible, by how fast the mass is and
-|u| + |z|, the largest that |i| may be. Elsewhere the time is divided, and in the parts in which a stop may be, or that a
-hand's stiffness acts in, the current is its exact mean.
+where … is the motion under the constant force u − sσ. It is used if no stop is possible, which follows from the speed and
+from |u| + |z|, the largest |i|. Otherwise the time is divided into parts; in those with a possible stop, or with a
+hand's stiffness, the current is its exact mean.
 
 All functions work in any consistent system of units: SI, or the paper's ticks and periods. Forces stand for currents.
 """
@@ -20,26 +20,26 @@ from typing import Any, Final
 from numba import types
 
 from hapticd.jit import njit
-from hapticd.plant.exact import phi_functions, step, time_and_way_to_rest
+from hapticd.plant.exact import phi_functions, step, time_and_distance_to_rest
 from hapticd.plant.spring import propagate_with_stiffness, spring_functions
 
 _f8 = types.float64
-#: Fewest and most parts of a period; between them one for so many rad of ω.
+#: Fewest and most parts of a period, and rad of ω per part between them.
 _FEWEST, _MOST, _PHASE = 6, 32, 0.7
-#: Relative distance from a resonance of friction and current loop, at which p is infinite, and what is added to δ there.
+#: Relative distance from r = a pole of the current loop, where p is infinite, and the change of δ there.
 _SINGULAR, _ASIDE = 1e-6, 1e-5
-#: What is left of a current loop's memory that counts as forgotten is e to the minus this.
+#: A current loop's transient counts as over when it has decayed to e to the minus this.
 _FORGOTTEN: Final = 14.0
 _ROUNDING: Final = 1e-9
 
-# Where what is in a prepared span: φ functions and transition of the whole, and of one of its parts.
+# Indices in a prepared span: φ functions and transition of the whole span, and of one of its parts.
 _SPAN, _PARTS, _WHOLE, _PART, _OMEGA, _TWICE, _P, _M = 0, 1, 2, 9, 16, 17, 18, 20
 SPAN_WORDS: Final = 22
 
 
 @njit(types.int64(_f8, _f8))
 def forgets(natural: float, damping: float) -> int:
-    """Periods after which a current loop remembers a millionth of how it was; 0 without one."""
+    """Periods after which the transient of a current loop has decayed to a millionth; 0 without one."""
     if natural == 0.0:
         return 0
     slowest = damping if damping <= 1.0 else 1.0 / (damping + math.sqrt(damping * damping - 1.0))
@@ -48,7 +48,7 @@ def forgets(natural: float, damping: float) -> int:
 
 @njit(_f8(_f8))
 def overshoot(damping: float) -> float:
-    """∫|a| of its impulse response: how much farther the current swings than commands that change as they like."""
+    """∫|a| of its impulse response a: largest ratio of current to command, for any commands."""
     if damping >= 1.0:
         return 1.0
     first = math.exp(-math.pi * damping / math.sqrt(1.0 - damping * damping))
@@ -57,13 +57,13 @@ def overshoot(damping: float) -> float:
 
 @njit(_f8(_f8, _f8))
 def parts_per_time(natural: float, period: float) -> float:
-    """Into how many parts a time of one is divided where a stop may be, for a current loop and a servo's period."""
+    """Parts per unit of time if a stop is possible, for a current loop and a servo period."""
     return min(max(natural * period / _PHASE, float(_FEWEST)), float(_MOST)) / period
 
 
 @njit(types.void(_f8, _f8, _f8, _f8, _f8, _f8, _f8[::1]))
 def prepare(natural: float, damping: float, mu: float, beta: float, finest: float, span: float, made: Any) -> None:
-    """Work out ``made`` (SPAN_WORDS,), what `lagged_motion` goes by in a span; ``finest`` is of `parts_per_time`."""
+    """Compute ``made`` (SPAN_WORDS,), the coefficients of `lagged_motion` for a span; ``finest`` from `parts_per_time`."""
     rate = beta / mu
     det = natural * natural - 2.0 * damping * natural * rate + rate * rate
     if abs(det) < _SINGULAR * natural * natural:
@@ -84,10 +84,10 @@ def prepare(natural: float, damping: float, mu: float, beta: float, finest: floa
 
 @njit(inline=True)
 def stop_of(x: float, v: float, force: float, mu: float, beta: float, sigma: float) -> float:
-    """Where a mass that is being slowed down comes to its first rest."""
+    """Position of the first stop of a decelerating mass."""
     sign = math.copysign(1.0, v)
-    _, way = time_and_way_to_rest(abs(v), (sigma - sign * force) / mu, beta / mu)
-    return x + sign * way
+    _, distance = time_and_distance_to_rest(abs(v), (sigma - sign * force) / mu, beta / mu)
+    return x + sign * distance
 
 
 @njit(inline=True)
@@ -95,7 +95,7 @@ def held_motion(
     x: float, v: float, dt: float, force: float, mu: float, beta: float, sigma: float, kappa: float,
     exponential: float, phi1: float, phi2: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """Move through a time of constant force, which has these `phi_functions`."""
+    """Move through a time of constant force, with its `phi_functions`."""
     if kappa > 0.0:
         return propagate_with_stiffness(x, v, dt, force, mu, beta, sigma, kappa)
     return step(x, v, dt, force, mu, beta, sigma, exponential, phi1, phi2)
@@ -106,7 +106,7 @@ def _slid(
     x: float, v: float, aim: float, off: float, rate: float, span: float, at: int,
     mu: float, beta: float, sigma: float, kappa: float, made: Any,
 ) -> tuple[float, float, float, float, bool]:  # fmt: skip
-    """Place, speed and current loop after a span without a stop, and whether there is none; ``at``: it in `made`."""
+    """Position, velocity and current loop after a span without a stop, and whether that holds; ``at``: index in `made`."""
     away, after = made[at + 3] * off + made[at + 4] * rate, made[at + 5] * off + made[at + 6] * rate
     most = abs(aim - kappa * x) + math.sqrt(off * off + rate * rate)
     if v == 0.0 or kappa > 0.0:
@@ -116,9 +116,9 @@ def _slid(
     end = made[at] * (v - own) + span * made[at + 1] * g + made[_P] * away + made[_P + 1] * after
     most = (most + sigma) / mu
     most += beta / mu * (abs(v) + span * most)
-    way = span * (made[at + 1] * (v - own) + span * made[at + 2] * g)
-    way += made[_M] * (away - off) + made[_M + 1] * (after - rate)
-    return x + way, end, away, after, end * v > 0.0 and abs(end) + abs(v) > span * most
+    displacement = span * (made[at + 1] * (v - own) + span * made[at + 2] * g)
+    displacement += made[_M] * (away - off) + made[_M + 1] * (after - rate)
+    return x + displacement, end, away, after, end * v > 0.0 and abs(end) + abs(v) > span * most
 
 
 @njit(types.UniTuple(_f8, 6)(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8[::1]))
@@ -129,22 +129,22 @@ def lagged_motion(
     """Move mass and current loop through a span of constant command.
 
     Args:
-        x, v: place and speed. force: that of the current. rate: its derivative over ω. aim: the command, as a force.
-        mu, beta, sigma, kappa: of the mass. made: of the span, by `prepare`.
+        x, v: position and velocity. force: of the current. rate: its derivative over ω. aim: the command, as a force.
+        mu, beta, sigma, kappa: of the mass. made: of the span, from `prepare`.
 
     Returns:
-        Place, speed, force and rate after it, and the lowest and highest place on the way.
+        Position, velocity, force and rate after it, and the lowest and highest position.
     """
     off = force - aim
-    place, end, away, after, sure = _slid(x, v, aim, off, rate, made[_SPAN], _WHOLE, mu, beta, sigma, kappa, made)
+    position, end, away, after, sure = _slid(x, v, aim, off, rate, made[_SPAN], _WHOLE, mu, beta, sigma, kappa, made)
     if sure or made[_SPAN] == 0.0:
-        return place, end, aim + away, after, min(x, place), max(x, place)
+        return position, end, aim + away, after, min(x, position), max(x, position)
     low = high = x
     length = made[_SPAN] / made[_PARTS]
     for _ in range(int(made[_PARTS])):
-        place, end, away, after, sure = _slid(x, v, aim, off, rate, length, _PART, mu, beta, sigma, kappa, made)
+        position, end, away, after, sure = _slid(x, v, aim, off, rate, length, _PART, mu, beta, sigma, kappa, made)
         if sure:
-            x, v = place, end
+            x, v = position, end
         else:
             mean = aim - (made[_TWICE] * (away - off) + after - rate) / (made[_OMEGA] * length)
             before, speed = x, v

@@ -1,11 +1,11 @@
 """One device as a flat float64 vector: the base model's parameters, then those of every effect.
 
-An effect that a device does not have is in the vector at its neutral value, which switches its term off. A list parameter
-takes one element each: ``torque_ripple.amplitudes[2]``.
+An effect that a device does not have is in the vector with its neutral value, which switches its term off. A list parameter
+has one element per entry: ``torque_ripple.amplitudes[2]``.
 
-The kernels know the effects with terms of their own by the indices of their parameters. The others (`Effect.force`,
-`Effect.friction`) follow in a part of fixed size, one block after another, and are called through the addresses in it:
-no compiled code depends on which of them are installed. Their addresses are those of this process.
+The kernels contain the terms of hapticd's effects, and find their parameters by index. The others (`Effect.force`,
+`Effect.friction`) follow in a part of fixed size, one block after another, and are called through the addresses in it, so
+that no compiled code depends on the installed effects. The addresses are valid in this process only.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ BASE_NAMES = (
     "coulomb",  # N m or N
     "torque_constant",  # N m/A or N/A
     "delay_s",  # from command to current: T_A and the driver's latency
-    "grip_inertia",  # config.hand: a grip that never lets go
+    "grip_inertia",  # config.hand: a permanent grip
     "grip_damping",
     "grip_stiffness",
     "grip_rest",
@@ -52,15 +52,15 @@ LOAD_THETA = 3
 LOAD_OMEGA = 4
 """Velocity of the load."""
 CONTACT = 5
-"""Side of the backlash that is in contact: +1 the motor pushes the load forwards, −1 backwards, 0 none."""
+"""Side of the backlash in contact: +1 the motor pushes the load forwards, −1 backwards, 0 none."""
 MOTOR_CURRENT = 6
-"""Current behind the current loop of `amplifier_lag`, A; used where commands come one by one."""
+"""Current behind the current loop of `amplifier_lag`, A; used if commands come one by one."""
 MOTOR_CURRENT_RATE = 7
 """Its derivative, A/s."""
 
 
 HOOK_SIZE = 0
-"""In a block of that part: how many elements it has; 0 after the last block."""
+"""In a block of that part: its number of elements; 0 after the last block."""
 HOOK_FORCE = 1
 """Address of the law of its force; 0 for none."""
 HOOK_FRICTION = 2
@@ -90,7 +90,7 @@ def _all_names() -> tuple[tuple[str, ...], int]:
         if effect.is_hooked:
             header = ("size", "force", "friction", "neutral")
             names += [*(f"{effect.slug}:{name}" for name in header), *_names(effect)]
-    # The block after the last one is known by its size 0, so the catalogue keeps one element spare.
+    # The size 0 marks the end of the blocks, so the catalogue leaves one element free.
     spare = first + HOOK_ROOM - len(names)
     return (*names, *(f"spare[{k}]" for k in range(spare))), first
 
@@ -113,13 +113,13 @@ def index_of(name: str) -> int:
 
 @functools.cache
 def _callback(slug: str, hook: str) -> Any:
-    """The compiled term, kept for as long as the process lives: vectors hold its address."""
+    """The compiled term, cached until the process ends, because vectors contain its address."""
     effect = CATALOGUE[slug]
     return effect_term_callback(getattr(effect, hook), {"force": 4, "friction": 3}[hook], effect.size)
 
 
 def _addresses(effect: Effect) -> tuple[int, int]:
-    """Of the terms of an effect from outside, 0 for none: of its force and of its friction."""
+    """Addresses of an effect's force and friction, 0 for none."""
     force = _callback(effect.slug, "force").address if effect.force else 0
     return force, _callback(effect.slug, "friction").address if effect.friction else 0
 
@@ -135,8 +135,8 @@ def _neutral() -> NDArray[np.float64]:
             block = index_of(f"{slug}:size")
             p[block + HOOK_SIZE] = HOOK_PARAMETERS + effect.size
             p[block + HOOK_NEUTRAL] = effect.parameters[0].neutral
-            # One that cannot be compiled is no reason to refuse a device without it. An address has fewer than 53 bits:
-            # a double holds it exactly.
+            # A device without this effect must still work if it cannot be compiled. An address has fewer than 53 bits:
+            # a double represents it exactly.
             with contextlib.suppress(Exception):
                 p[block + HOOK_FORCE : block + HOOK_FRICTION + 1] = _addresses(effect)
     return p
@@ -148,7 +148,7 @@ def neutral_vector() -> NDArray[np.float64]:
 
 
 def effect_values(p: NDArray[np.float64], effect: Effect) -> dict[str, Any]:
-    """All parameters of an effect in a device vector: numbers, and tuples of numbers in full length."""
+    """All parameters of an effect in a device vector: numbers, and tuples of full length."""
     values: dict[str, Any] = {}
     for parameter in effect.parameters:
         first = index_of(f"{effect.slug}.{parameter.name}")
@@ -168,7 +168,7 @@ def device_vector(config: Config, latency_s: float = 0.0) -> NDArray[np.float64]
         Shape (SIZE,), float64.
 
     Raises:
-        ConfigError: it lists an effect from outside whose law cannot be compiled.
+        ConfigError: it lists an effect of another package whose law cannot be compiled.
     """
     p = neutral_vector()
     p[index_of("inertia")] = config.plant.inertia
@@ -199,7 +199,7 @@ def _check_terms(index: int, effect: Effect) -> None:
 
 
 def initial_state(position: float = 0.0, velocity: float = 0.0) -> NDArray[np.float64]:
-    """A mechanical state of shape (STATE,): shaft and load together, bristle relaxed, play centred."""
+    """A mechanical state of shape (STATE,): load at the shaft's position, bristle relaxed, play centred."""
     state = np.zeros(STATE)
     state[[THETA, LOAD_THETA]] = position
     state[[OMEGA, LOAD_OMEGA]] = velocity

@@ -1,4 +1,4 @@
-"""Seeded random numbers inside compiled code (splitmix64): one integer of state, the same on every machine."""
+"""Seeded random numbers in compiled code (splitmix64): one integer of state, the same on every machine."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Motion of a device with any effects of the catalogue, as compiled kernels on its vector and state.
+"""Motion of a device with any effects of the catalogue: compiled kernels on its vector and state.
 
-A signal's way: command → `hapticd.plant.electrical` → motor current → :func:`mechanical`, tick by tick → :func:`measured`.
-The layouts of device vector and state are in `hapticd.plant.layout`. With the effects at their neutral values
+Signal path: command → `hapticd.plant.electrical` → motor current → :func:`mechanical`, tick by tick → :func:`measured`.
+`hapticd.plant.layout` has the layouts of device vector and state. With the effects at their neutral values
 the result is that of `hapticd.plant.exact`, to the bit.
 """
 
@@ -74,7 +74,7 @@ _warming_factor = effect_term(thermal_drift.factor)
 
 @njit(FORCES(_a, _f8, _f8), counted=False, inline=True)
 def _forces(p: NDArray[Any], time: float, current: float) -> Forces:
-    """Return what acts on a device, taken as one mass, at a time [s] under a motor current [A]."""
+    """Return the forces on a device, taken as one mass, at a time [s] with a motor current [A]."""
     motor = current * torque_constant(p)
     drive = motor + p[_EXTERNAL] + p[_BIAS]
     if p[_ASYMMETRIC_COULOMB] != 0.0:
@@ -96,7 +96,7 @@ def _forces(p: NDArray[Any], time: float, current: float) -> Forces:
 
 @njit(types.void(_a, _a, _f8, _f8, _f8), counted=False)
 def _move(p: NDArray[Any], state: NDArray[Any], time: float, span: float, current: float) -> None:
-    """Move through a time of constant current in which no hand takes hold or lets go."""
+    """Move through a time of constant current in which no hand takes or releases the device."""
     on = _forces(p, time + 0.5 * span, current)
     if p[_GAP] > 0.0:
         load_inertia = shared_inertia(p, p[_GAP_SHARE])
@@ -123,13 +123,13 @@ def _move(p: NDArray[Any], state: NDArray[Any], time: float, span: float, curren
 
 @njit(types.boolean(_a), counted=False, inline=True)
 def has_hand(p: NDArray[Any]) -> bool:
-    """Whether a hand takes hold of the device at some time."""
+    """Whether a hand holds the device at some time."""
     return p[_HAND_INERTIA] != 0.0 or p[_HAND_DAMPING] != 0.0 or p[_HAND_STIFFNESS] != 0.0
 
 
 @njit(types.boolean(_a), counted=False)
 def needs_effect_terms(p: NDArray[Any]) -> bool:
-    """Whether a device has an effect that is more than an edit of the base model (`edited_base`) or of its signals."""
+    """Whether a device has an effect that does not only edit the base model (`edited_base`) or its signals."""
     return (
         has_smooth_terms(p)
         or has_bristle(p)
@@ -144,7 +144,7 @@ def needs_effect_terms(p: NDArray[Any]) -> bool:
 
 @njit(types.UniTuple(_f8, 7)(_a), counted=False)
 def edited_base(p: NDArray[Any]) -> tuple[float, float, float, float, float, float, float]:
-    """Return the base model with the effects that only edit it.
+    """Return the base model, edited by the effects that only edit it.
 
     Returns:
         Inertia, viscous friction, Coulomb friction, torque constant, bias, stiffness and rest position.
@@ -163,7 +163,7 @@ def edited_base(p: NDArray[Any]) -> tuple[float, float, float, float, float, flo
 
 @njit(types.UniTuple(_f8, 2)(_a, _f8, _f8, _f8), counted=False)
 def holding(p: NDArray[Any], theta: float, time: float, current: float) -> tuple[float, float]:
-    """Return the torque that pulls at a device at rest, and the stiction that holds it."""
+    """Return the torque on a device at rest, and its stiction."""
     on = _forces(p, time, current)
     return pull_on(p, theta, theta, 0.0, on), friction_of(p, 0.0, on)
 
@@ -185,8 +185,8 @@ def substep(p: NDArray[Any], state: NDArray[Any], time: float, span: float, curr
 def mechanical(p: NDArray[Any], state: NDArray[Any], t0: float, dt: float, i_sub: NDArray[Any]) -> None:
     """Move the device through one tick.
 
-    Terms that vary within a substep are second-order accurate in it; stops, breakaway, impacts and a hand's taking hold
-    are located, not stepped over.
+    Terms that vary within a substep are second-order accurate; stops, breakaway, impacts and the instants of a hand's grip
+    are located.
 
     Args:
         p: device vector, shape (SIZE,).
@@ -202,7 +202,7 @@ def mechanical(p: NDArray[Any], state: NDArray[Any], t0: float, dt: float, i_sub
 
 @njit(_f8(_a, _f8), counted=False)
 def measured(p: NDArray[Any], theta: float) -> float:
-    """Return what the encoder sees of a true position [rad or m], before quantisation."""
+    """Return the encoder's position for a true position [rad or m], before quantisation."""
     return _measured_angle(theta, p[_ECCENTRICITY], p[_ECCENTRICITY_PHASE])
 
 

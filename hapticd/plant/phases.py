@@ -1,4 +1,4 @@
-"""A step of the shaft's motion: phase after phase, with stiction or on the bristle, whichever friction the device has."""
+"""A step of the shaft's motion: phase after phase, with the device's friction (stiction or bristle)."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _f8 = types.float64
 _p = types.Array(_f8, 1, "C")
 
 MOST_PHASES = 20_000
-"""Phases a step may have: only a swing of thousands of turns within one step, which has long died down, has more."""
+"""Most phases of a step: only an oscillation of thousands of periods, which has decayed, has more."""
 
 
 @njit(types.UniTuple(_f8, 4)(_p, _f8, _f8, _f8, _f8, FORCES), counted=False)
 def phase(p: NDArray[Any], x: float, v: float, z: float, span: float, on: Forces) -> tuple[float, float, float, float]:
-    """Move the shaft through one phase with the friction that the device has; as `slide_on_bristle`."""
+    """Move the shaft through one phase with the device's friction; as `slide_on_bristle`."""
     if has_bristle(p):
         return slide_on_bristle(p, x, v, z, span, on)
     x, v, time = slide(p, x, v, span, on)

@@ -1,4 +1,4 @@
-"""How finely a device's tick has to be divided for its effects."""
+"""Number of substeps of a tick for a device's effects."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MOST_SUBSTEPS = 64
-"""Substeps a tick is divided into at most: what is faster than that is no concern of the loop's rate."""
+"""Most substeps of a tick: faster dynamics are not resolved."""
 
 _PHASE_OF_FIELD = 0.5
-"""Largest angle [rad] of a swing in a position-dependent torque during a substep."""
+"""Largest angle [rad] of the oscillation in a position-dependent torque during a substep."""
 _PHASE_OF_COUPLING = 0.35
-"""Largest angle [rad] of the two masses' oscillation during a substep, where it is not exact (`hapticd.plant.coupled`)."""
+"""Largest angle [rad] of the two masses' oscillation during a substep, if it is not exact (`hapticd.plant.coupled`)."""
 _PHASE_OF_LAG = 1.0
 _PART_OF_DECAY = 0.5
-"""Largest fraction of the time in which a law of the speed changes the speed."""
+"""Largest substep as a fraction of the time constant of a law that depends on speed."""
 _HARDEST_PULL = 4.0
-"""Acceleration in units of the friction's at which a substep on a bristle still resolves a friction that changes with speed;
-where there is stiction, `hapticd.plant.slide` divides what needs it."""
+"""Acceleration, in units of the friction's, at which a substep on a bristle still resolves a friction that changes with
+speed; with stiction, `hapticd.plant.slide` divides the step."""
 
 _STIFF = tuple(effect for effect in CATALOGUE.values() if effect.stiffness is not None)
 _DAMPING = tuple(effect for effect in CATALOGUE.values() if effect.damping is not None)
 
 
 def substeps_for(p: NDArray[np.float64], period_s: float) -> int:
-    """Substeps a tick for which `mechanical` and `electrical` are accurate with a device's effects.
+    """Substeps per tick with which `mechanical` and `electrical` are accurate for a device's effects.
 
-    Without effects, and with those that are exact, it is 1. Stops, impacts, the bristle of `presliding` and a friction that
-    changes with speed are resolved inside a substep and need none. The limits here leave errors of the order of 10⁻³ of
+    Without effects, and with exact ones, it is 1. Stops, impacts, the bristle of `presliding` and a friction that
+    changes with speed are resolved inside a substep and need none. With these limits the errors are of the order of 10⁻³ of
     the effect (tests/plant/effects).
 
     Args:

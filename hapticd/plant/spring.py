@@ -5,9 +5,9 @@ start obeys d″ + 2α·d′ + ω²·d = a, a = (F − c·sgn v − k·x)/m, 2α
 
     d = v·S + a·P,      d′ = v·S′ + a·S,      S″ + 2α·S′ + ω²·S = 0, S(0) = 0, S′(0) = 1,      P = ∫ S.
 
-S and P are written so that no digits cancel in any damping case, nor for b → 0, k → 0 and at critical damping. The
-velocity's next zero is an arctangent or a logarithm; there the mass sticks (|F − k·x| ≤ c) or reverses. Of a long swing
-only the last turns are taken one by one: before them the amplitude is a geometric series.
+S and P are written so that no digits cancel for any damping, nor for b → 0, k → 0 and critical damping. The
+velocity's next zero is an arctangent or a logarithm; there the mass sticks (|F − k·x| ≤ c) or reverses. In a long
+oscillation only the last half periods are computed one by one: before them the amplitude is a geometric series.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numba import types
 
 from hapticd.jit import njit
-from hapticd.plant.exact import phi_functions, propagate, time_and_way_to_rest
+from hapticd.plant.exact import phi_functions, propagate, time_and_distance_to_rest
 
 _f8 = types.float64
 _SERIES_TERMS = 17
@@ -60,7 +60,7 @@ def spring_functions(t: float, alpha: float, omega2: float) -> tuple[float, floa
     rate = math.exp(-fast * t) - slow * s
     if 2.0 * kappa * t <= 0.5:
         return rate, s, (1.0 - rate - 2.0 * alpha * s) / omega2
-    # Far from critical damping ω·t may be tiny: then the difference of two φ₁ keeps its digits, the form above does not.
+    # Far from critical damping ω·t may be tiny: the difference of two φ₁ is then accurate, the form above is not.
     _, phi_slow, _ = phi_functions(-slow * t)
     _, phi_fast, _ = phi_functions(-fast * t)
     return rate, s, t * (phi_slow - phi_fast) / (2.0 * kappa)
@@ -68,7 +68,7 @@ def spring_functions(t: float, alpha: float, omega2: float) -> tuple[float, floa
 
 @njit(_f8(_f8, _f8, _f8, _f8))
 def time_to_rest(speed: float, a: float, alpha: float, omega2: float) -> float:
-    """Time until speed·S′ + a·S, positive just after the start, is zero again; infinite if it never is."""
+    """Time until speed·S′ + a·S, positive just after the start, is zero; infinite if it never is."""
     kappa2 = (alpha - math.sqrt(omega2)) * (alpha + math.sqrt(omega2))
     if kappa2 < 0.0:
         omega_d = math.sqrt(-kappa2)
@@ -77,20 +77,20 @@ def time_to_rest(speed: float, a: float, alpha: float, omega2: float) -> float:
     braking = omega2 / (alpha + kappa) * speed - a
     if speed == 0.0 or braking <= 0.0:
         return math.inf
-    return time_and_way_to_rest(speed, braking, 2.0 * kappa)[0]
+    return time_and_distance_to_rest(speed, braking, 2.0 * kappa)[0]
 
 
 @njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, _f8, _f8))
 def _swings_at_once(
     amplitude: float, band: float, alpha: float, omega2: float, remaining: float
 ) -> tuple[float, float]:
-    """Take an even number of half swings from rest, leaving the last few before stiction or the end of the time.
+    """Advance by an even number of half oscillations from rest, except the last few before stiction or the end of the time.
 
-    A half swing turns an amplitude e into q·e − d·(1 + q), with q = exp(−απ/ω_d) and friction's band d = c/k, in which
-    the mass sticks.
+    A half oscillation changes an amplitude e to q·e − d·(1 + q), with q = exp(−απ/ω_d) and the band of stiction d = c/k, in
+    which the mass sticks.
 
     Returns:
-        By how much the amplitude falls, and the time then remaining, as far as it matters: none after stiction does.
+        Decrease of the amplitude, and remaining time, which is not needed after the mass has stuck.
     """
     kappa2 = (alpha - math.sqrt(omega2)) * (alpha + math.sqrt(omega2))
     if kappa2 >= 0.0:
@@ -98,7 +98,7 @@ def _swings_at_once(
     half = math.pi / math.sqrt(-kappa2)
     loss = alpha * half
     q, one, _ = phi_functions(-loss)
-    until_stiction, _ = time_and_way_to_rest((amplitude - band) * one, 2.0 * band, loss)
+    until_stiction, _ = time_and_distance_to_rest((amplitude - band) * one, 2.0 * band, loss)
     remaining = min(remaining, (until_stiction + 2.0) * half)
     swings = 2.0 * np.floor(0.5 * min(until_stiction, remaining / half)) - 2.0
     if not swings >= 2.0:
@@ -149,7 +149,7 @@ def propagate_with_stiffness(
                 sign = math.copysign(1.0, pull)
         speed = abs(v)
         a = (sign * pull - coulomb) / inertia
-        # Without Coulomb friction a reversal changes nothing in the equation of motion: no need to stop at it.
+        # Without Coulomb friction the equation of motion is the same after a reversal: no stop there.
         rest = time_to_rest(speed, a, alpha, omega2) if coulomb > 0.0 else math.inf
         if not rest < remaining:
             rate, s, p = spring_functions(remaining, alpha, omega2)
@@ -179,10 +179,10 @@ def propagate_about_rest(
     stiffness: float,
     rest: float,
 ) -> tuple[float, float]:
-    """`propagate_with_stiffness` for a spring that is relaxed at `rest`, or for none."""
+    """`propagate_with_stiffness` for a spring with its rest position at `rest`, or for none."""
     if stiffness == 0.0:
         return propagate(x, v, dt, force, inertia, viscous, coulomb)
     before = x - rest
     after, v = propagate_with_stiffness(before, v, dt, force, inertia, viscous, coulomb, stiffness)
-    # A shaft that stiction holds keeps its position to the bit: it may lie on an edge of the encoder.
+    # A shaft held by stiction keeps its position exactly, because it may be at an encoder edge.
     return after + rest if after != before else x, v

@@ -1,6 +1,6 @@
 """Motor and load as two masses: with play between them, or joined by a spring and a damper.
 
-The motor has the encoder, the friction, the springs and the hand; the load has nothing but its inertia.
+The motor has the encoder, the friction, the springs and the hand; the load has only its inertia.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ _CONTACT_DAMPING = index_of("backlash.damping")
 _common_velocity = effect_term(backlash.common_velocity)
 _rebound = effect_term(backlash.rebound)
 _FASTEST = (2.0 * math.pi * 1e4) ** 2
-"""Square of the angular frequency from which on the two masses on their contact are as good as on a rigid one."""
+"""Square of the angular frequency of the two masses on their contact above which it is taken as rigid."""
 _LEAST_REBOUND = 2.0
-"""Slowest rebound, in half gaps a second. Slower masses stay together, or the rebounds would never end."""
+"""Slowest rebound, in half gaps per second. Slower masses stay together, because rebounds would not end."""
 _LOWEST_FLIGHT = 4e-3
 """Four times the height of the lowest rebound that is followed by another one, in half gaps."""
 _APART = 1e-9
 """Masses that rebound start this fraction of the half gap apart, so that their next contact can be found."""
 _AT_ONCE = 1e-4
-"""Fraction of a step that counts as no time: on a bristle, two masses that part within rounding of the positions meet again
-soon after, and would do so for ever."""
+"""Fraction of a step that counts as zero: on a bristle, two masses that separate within rounding of the positions meet again
+soon after, without end."""
 
 
 @njit(FORCES(FORCES, _f8, _f8), inline=True)
 def with_torque(on: Forces, inertia: float, torque: float) -> Forces:
-    """Return what acts on a motor of that inertia, with a torque besides."""
+    """Return the forces on a motor of that inertia, with an additional torque."""
     return Forces(
         on.drive + torque,
         on.motor,
@@ -71,13 +71,13 @@ def _reduced_inertia(p: NDArray[Any]) -> float:
 
 @njit(types.boolean(_a), counted=False, inline=True)
 def is_springy(p: NDArray[Any]) -> bool:
-    """Whether the contact of a play is a spring that is followed, and not one as good as rigid."""
+    """Whether the contact of a play is simulated as a spring, not as rigid."""
     return p[_CONTACT_STIFFNESS] < _FASTEST * _reduced_inertia(p)
 
 
 @njit(_f8(_a), counted=False)
 def restitution_of(p: NDArray[Any]) -> float:
-    """Return the share of the closing speed at which motor and load part after a contact that takes no time."""
+    """Return the coefficient of restitution of a rigid contact of motor and load."""
     if p[_CONTACT_STIFFNESS] < math.inf:
         return min(_rebound(p[_CONTACT_STIFFNESS], p[_CONTACT_DAMPING], _reduced_inertia(p)), 0.95)
     return p[_RESTITUTION]
@@ -87,10 +87,10 @@ def restitution_of(p: NDArray[Any]) -> float:
 def _time_of_contact(
     p: NDArray[Any], state: NDArray[Any], latest: float, side: float, half_gap: float, motor: Forces
 ) -> float:
-    """Return when the motor reaches one side of the play, in a phase in which it does.
+    """Return the time at which the motor reaches one side of the play; it must do so in this phase.
 
-    A parabola through both ends and the first slope is where a constant acceleration meets; from there Newton's method,
-    within the bracket.
+    The start is the solution for constant acceleration, a parabola through both ends and the first slope; then Newton's
+    method, within the bracket.
     """
     early, late = 0.0, latest
     first = side * (state[THETA] - state[LOAD_THETA]) - half_gap
@@ -123,17 +123,17 @@ def _time_of_contact(
 def move_with_backlash(
     p: NDArray[Any], state: NDArray[Any], span: float, joined: Forces, load_inertia: float, half_gap: float
 ) -> None:
-    """Move motor and load, with play between them, through a step of constant action.
+    """Move motor and load, with play between them, through a step with constant forces.
 
-    In contact the two move as one for as long as the contact pushes the load. Then the load coasts until the motor reaches
-    a side of the play. The impact there conserves momentum: they part at the closing speed times the restitution, or stay
-    together where that is too slow to matter.
+    In contact the two move as one while the contact pushes the load. Then the load coasts until the motor reaches
+    a side of the play. The impact conserves momentum: they separate at the closing speed times the restitution, or stay
+    together if that is negligible.
 
     Args:
         p: device vector.
         state: mechanical state, changed in place.
         span: duration [s].
-        joined: what acts on the motor; the inertia is that of both.
+        joined: forces on the motor; the inertia is that of both.
         load_inertia: of the load in it [kg m² or kg].
         half_gap: half the play [rad or m].
     """
@@ -151,7 +151,7 @@ def move_with_backlash(
         side = state[CONTACT]
         if side != 0.0:
             x, v, z, time = phase(p, state[THETA], state[OMEGA], state[BRISTLE], remaining, joined)
-            # Masses that part and meet again at once, within what a phase can tell, stay together for a phase.
+            # Masses that separate and meet again within the resolution of a phase stay together for a phase.
             if side * (v - state[OMEGA]) >= 0.0 or parted:
                 state[THETA], state[OMEGA], state[BRISTLE] = x, v, z
                 state[LOAD_THETA], state[LOAD_OMEGA] = x - side * half_gap, v
@@ -172,7 +172,7 @@ def move_with_backlash(
             v = _common_velocity(motor.inertia, v, load_inertia, state[LOAD_OMEGA])
             state[LOAD_OMEGA] = v
             rebound = restitution * closing
-            # Of rebounds that follow each other in a step the flight is a parabola, four times lower than this.
+            # Between two rebounds in a step the flight is a parabola with a quarter of this height.
             is_high = not rebounds or abs(closing) * (flight + time) > _LOWEST_FLIGHT * half_gap
             rebounds = is_high and abs(rebound) > _LEAST_REBOUND * half_gap
             if rebounds:
@@ -198,22 +198,22 @@ def swing_behind(
     damping: float,
     stiffness: float,
 ) -> None:
-    """Move motor and load, joined by a spring and a damper, through a step short against their swing.
+    """Move motor and load, joined by a spring and a damper, through a step that is short against their oscillation.
 
-    The load's motion behind a motor of constant acceleration is exact, whatever the step; the motor feels the mean torque of
-    the coupling during the step, the part that depends on its own acceleration as an inertia. No step is unstable, and
-    momentum is kept to rounding.
+    The load's motion for a motor of constant acceleration is exact for any step; on the motor acts the mean torque of
+    the coupling during the step; its part that depends on the motor's acceleration is an inertia. Every step is stable, and
+    momentum is conserved to rounding.
 
     Args:
         p: device vector. state: mechanical state, changed in place. span: duration [s].
-        joined: what acts on the motor; the inertia is that of both.
+        joined: forces on the motor; the inertia is that of both.
         load_inertia: of the load in it [kg m² or kg].
         damping: ζω₀ of the load on its spring [1/s]. stiffness: ω₀² [1/s²].
     """
     rate, s, c = spring_functions(span, damping, stiffness)
     x, v, z = state[THETA], state[OMEGA], state[BRISTLE]
     twist, twist_rate = state[LOAD_THETA] - x, state[LOAD_OMEGA] - v
-    # The load's mean acceleration is linear in the motor's: a part from the present twist, and a fraction of the motor's.
+    # The load's mean acceleration is linear in the motor's: a part of the present twist, plus a fraction of the motor's.
     given = (twist_rate * (rate - 1.0) - stiffness * twist * s) / span
     fraction = 1.0 - s / span
     on = with_torque(joined, joined.inertia - load_inertia * (1.0 - fraction), -load_inertia * given)
@@ -234,16 +234,16 @@ def move_with_coupling(
     natural: float,
     damping: float,
 ) -> None:
-    """Move motor and load, joined by a spring and a damper, through a step of constant action.
+    """Move motor and load, joined by a spring and a damper, through a step with constant forces.
 
-    With stiction and a coupling that swings, the motion is exact (`hapticd.plant.coupled`); on a bristle, or with a damper
+    With stiction and an underdamped coupling the motion is exact (`hapticd.plant.coupled`); on a bristle, or with a damper
     too strong for that, it is that of `swing_behind`.
 
     Args:
         p: device vector.
         state: mechanical state, changed in place.
         span: duration [s]; accurate well below the period of the two masses' oscillation (`substeps_for`).
-        joined: what acts on the motor; the inertia is that of both.
+        joined: forces on the motor; the inertia is that of both.
         load_inertia: of the load in it [kg m² or kg].
         natural: angular anti-resonance frequency 2π f_r [rad/s].
         damping: damping ratio of the load on its spring.

@@ -1,1 +1,1 @@
-"""The tick: clock, render, safety gate, timing, ring, mailbox."""
+"""The servo loop: clock, rendering, safety gate, timing statistics, ring, mailbox."""

@@ -1,7 +1,7 @@
 """The atomics that two threads share: indices into an int64 array that the loop and Python read and write atomically.
 
-Each is written by one side only. Those of different writers lie eight words, one cache line, apart. Everything else
-that the loop knows is in its records (`hapticd.servo.layout`).
+Each is written by one side only. Those of different writers are eight words, one cache line, apart. The rest of the
+loop's memory is in its records (`hapticd.servo.layout`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 SEQUENCE: Final = 0
 """Number of the newest parameter set."""
 HEARTBEAT_NS: Final = 8
-"""CLOCK_MONOTONIC of the supervisor's last sign of life, ns."""
+"""Time of the supervisor's last heartbeat, CLOCK_MONOTONIC, ns."""
 STOP: Final = 9
-"""Not 0: leave the loop, by way of zero current."""
+"""Not 0: command zero current, then leave the loop."""
 
 # Written by the recorder.
 RING_TAIL: Final = 16
@@ -30,13 +30,13 @@ RING_TAIL: Final = 16
 RING_HEAD: Final = 24
 """Rows recorded."""
 DROPPED: Final = 25
-"""Rows that found no room."""
+"""Rows lost because the ring was full."""
 MODE: Final = 26
 """OFF, READY, RUNNING or FAULT."""
 APPLIED: Final = 27
 """Number of the parameter set in force."""
 FAULT_CODE: Final = 28
-"""Of `hapticd.servo.faults`; 0 for none. Its value and limit are there before it is."""
+"""Of `hapticd.servo.faults`; 0 for none. Its value and limit are stored before it."""
 FAULT_TICK: Final = 29
 """Tick in which it was raised."""
 TICKS: Final = 30
@@ -56,22 +56,22 @@ EXEC_MAX_NS: Final = 37
 COUNTS: Final = 39
 """Encoder counts of the last good sample."""
 FAULT_VALUE: Final = 41
-"""Bits of a float64: what tripped the fault. Here, where a dead daemon's flight recorder has it, and not in the snapshot."""
+"""Bits of a float64: what tripped the fault. Not in the snapshot, because the flight recorder stores the atomics only."""
 FAULT_LIMIT: Final = 42
-"""Bits of a float64: the limit that it crossed."""
+"""Bits of a float64: the limit that was exceeded."""
 I2T: Final = 43
-"""Bits of a float64: I²t above the continuous current, A² s; here, so that it outlives the process."""
+"""Bits of a float64: I²t above the continuous current, A² s; here, so that it survives the process."""
 HELD: Final = 44
-"""1: the device said in its last good exchange that a person holds its enable input."""
+"""1: in the last good exchange the device reported that its enable input is held."""
 DEVICE_LOST: Final = 40
-"""1: the driver has said that its device is lost; 0 again when the fault is cleared."""
+"""1: the driver has reported its device as lost; 0 when the fault is cleared."""
 
 SIZE: Final = 48
 """Words in all."""
 
 
 def fault_numbers(shared: NDArray[Any]) -> tuple[float, float]:
-    """What tripped the fault, and the limit that it crossed.
+    """The value that tripped the fault, and its limit.
 
     Args:
         shared: the atomics, shape (SIZE,), int64.
@@ -81,10 +81,10 @@ def fault_numbers(shared: NDArray[Any]) -> tuple[float, float]:
 
 
 def heat(shared: NDArray[Any]) -> float:
-    """I²t above the continuous current, A² s; infinite where the word is no such number.
+    """I²t above the continuous current, A² s; infinite if the word is not a valid number.
 
     Args:
-        shared: the atomics, int64; of a dead daemon's flight recorder, as many as it had.
+        shared: the atomics, int64; those of a flight recorder may be fewer.
     """
     i2t = float(shared[I2T : I2T + 1].view(np.float64)[0]) if shared.size > I2T else 0.0
     return i2t if i2t >= 0.0 else math.inf

@@ -1,23 +1,23 @@
-"""Who may set the motor in motion: the one authority, shared with the tick.
+"""Permission to move the motor, shared with the servo loop.
 
-The ordinal of a command is the time at which it was sent, CLOCK_MONOTONIC in ns. A stop is one atomic store of the time at
-hand: it revokes every command that was sent before, whether it has been read or still lies in a socket's buffer because
-nobody could read it. A command begins by publishing its ordinal to the loop, and the tick renders for as long as that
-ordinal is above the last revoked one, so that nothing that waits in a buffer, a queue, a thread or the mailbox can outlive a
-stop. In the same way a clear ends the faults that were there when it was sent, and no later one: nobody has seen that yet.
+The ordinal of a command is the time at which it was sent, CLOCK_MONOTONIC in ns. A stop is one atomic store of the present
+time: it revokes every command that was sent before, also one that is still unread in a socket's buffer. A command begins by
+publishing its ordinal to the loop, and the tick renders while that ordinal is above the last revoked one. So no command that
+waits in a buffer, a queue, a thread or the mailbox takes effect after a stop. In the same way a clear ends the faults that
+existed when it was sent, and no later one, which its sender could not know.
 
-A command, its states and what moves it on:
+States of a command:
 
 | state | becomes | when |
 |---|---|---|
-| waiting | begun | its thread publishes it: not revoked, in time, its client still there |
+| waiting | begun | its thread publishes it: not revoked, in time, its client still connected |
 | waiting | revoked | a stop, an estop or a release of the enable that a person holds came after it was sent |
 | waiting | expired | its deadline passed |
-| waiting | gone | its client hung up |
-| waiting | answered | it was answered already (with an error) |
+| waiting | gone | its client has closed the connection |
+| waiting | answered | it was already answered (with an error) |
 | begun | revoked | a stop or an estop came: zero current in the next tick; a clear: a fault was raised after it |
 
-The words outlive any servo loop, so that a stop that comes while a rig is replaced counts for the new one as well.
+The words exist longer than any servo loop, so that a stop during the replacement of a rig also applies to the new one.
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-# Words of the authority, each on a cache line of its own but for those of the loop.
+# Words of the authority, each on its own cache line, except those of the loop.
 REVOKED: Final = 0
-"""Every ordinal up to this one is revoked: when the last stop came, or a person let go of the enable."""
+"""Every ordinal up to this one is revoked: time of the last stop or of the last release of the enable input."""
 ESTOPS: Final = 8
-"""How many software stops were asked for."""
+"""Number of requested software stops."""
 LOOP_TICKS: Final = 16
-"""Ticks that real-time loops have done, over all rigs; written by the loop."""
+"""Ticks of all real-time loops, over all rigs; written by the loop."""
 LOOP_MODE: Final = 17
 """Mode after the last tick; written by the loop."""
 FAULTED: Final = 18
-"""When the newest fault was raised: a clear counts if it was sent later; written by the loop."""
+"""Time of the newest fault: a clear must be sent later; written by the loop."""
 SIZE: Final = 24
 
 FIRST: Final = 1
-"""Ordinal of whoever asks nobody: a simulation, a test of the loop."""
+"""Ordinal for a loop without authority: a simulation, a test."""
 FOREVER: Final = 2**62
-"""Above every ordinal: nothing begins any more."""
+"""Above every ordinal: no command can begin."""
 
 
 @njit("void(int64[::1], int64)", counted=False)
@@ -84,12 +84,12 @@ def _load(words: NDArray[Any], index: int) -> int:
 
 
 def new_words() -> NDArray[np.int64]:
-    """Words of an authority under which nothing is revoked."""
+    """Words of a new authority: nothing is revoked."""
     return np.zeros(SIZE, np.int64)
 
 
 class Withdrawn(Exception):  # noqa: N818 - an answer, not an error of the program
-    """A command may not begin any more.
+    """A command can no longer begin.
 
     Attributes:
         code: ``stopped``, ``expired``, ``gone`` or ``answered``.
@@ -101,13 +101,13 @@ class Withdrawn(Exception):  # noqa: N818 - an answer, not an error of the progr
 
 
 class Command:
-    """One command that asks for motion, or clears a fault, from its arrival on.
+    """One command that requests motion or clears a fault.
 
     Args:
         authority: that may revoke it.
         ordinal: when it was sent, `time.monotonic_ns`.
         deadline_s: `time.monotonic` after which it may not begin.
-        is_there: whether its client still waits for the answer.
+        is_there: whether its client still waits for the reply.
     """
 
     def __init__(self, authority: Authority, ordinal: int, deadline_s: float, is_there: Callable[[], bool]) -> None:
@@ -117,13 +117,13 @@ class Command:
         self._answered = self._begun = False
 
     def begin(self, publish: Callable[[int], None]) -> None:
-        """Hand the ordinal to the loop, unless the command is withdrawn; the tick asks once more whether it is revoked.
+        """Publish the ordinal to the loop, unless the command is withdrawn; the tick checks again whether it is revoked.
 
         Args:
-            publish: gives the loop a parameter set with this ordinal.
+            publish: publishes a parameter set with this ordinal.
 
         Raises:
-            Withdrawn: it may not begin any more.
+            Withdrawn: it can no longer begin.
         """
         with self._lock:
             self.refuse()
@@ -131,7 +131,7 @@ class Command:
             publish(self.ordinal)
 
     def refuse(self) -> None:
-        """Refuse to go on where it could not begin any more.
+        """Raise if the command can no longer begin.
 
         Raises:
             Withdrawn: with the reason.
@@ -139,36 +139,36 @@ class Command:
         if self.is_revoked():
             raise Withdrawn("stopped", "stopped before it began")
         if self._answered:
-            raise Withdrawn("answered", "it had been answered before it began")
+            raise Withdrawn("answered", "answered before it began")
         late_s = time.monotonic() - self._deadline_s
         if not self._begun and late_s > 0.0:
-            raise Withdrawn("expired", f"it was not begun: its turn came {late_s:.1f} s after its deadline; ask again")
+            raise Withdrawn("expired", f"not begun: its turn came {late_s:.1f} s after its deadline; send it again")
         if not self._is_there():
-            raise Withdrawn("gone", "who asked for it has gone")
+            raise Withdrawn("gone", "its client has closed the connection")
 
     def further(self, is_there: Callable[[], bool]) -> Command:
-        """For what follows from this one when it has long been answered: it is revoked with it, and has no deadline.
+        """A command for later steps of this one, after its reply: revoked with it, and without a deadline.
 
         Args:
-            is_there: whether it is still wanted.
+            is_there: whether it is still needed.
         """
         return Command(self._authority, self.ordinal, math.inf, is_there)
 
     def answered(self) -> None:
-        """It has been answered: if it has not begun by now, it never will."""
+        """The command was answered: it can no longer begin."""
         with self._lock:
             self._answered = not self._begun
 
     def is_revoked(self) -> bool:
-        """Whether a stop has come since it was sent."""
+        """Whether a stop came after it was sent."""
         return self._authority.revoked >= self.ordinal
 
 
 class Authority:
-    """Says of every command whether it may still set the motor in motion.
+    """Decides for every command whether it may still move the motor.
 
     Attributes:
-        words: what the tick and the stop channel share with it (`ORDINAL` and those after it).
+        words: memory shared with the tick and the stop channel (`REVOKED` and the others).
     """
 
     def __init__(self) -> None:
@@ -186,21 +186,21 @@ class Authority:
         not_after_s: float = math.inf,
         sent_ns: int | None = None,
     ) -> Command:
-        """A command that asks for motion, or clears a fault, has arrived.
+        """The command of an arrived request for motion or for a clear.
 
         Args:
-            limit_s: time within which it has to begin, s.
+            limit_s: time within which it must begin, s.
             is_there: whether its client still waits.
-            not_after_s: `time.monotonic` at which its client gives up.
-            sent_ns: `time.monotonic_ns` before which it was not sent; None: now. What is said to be sent later than now is
-                sent now.
+            not_after_s: `time.monotonic` at which its client stops waiting.
+            sent_ns: earliest `time.monotonic_ns` at which it was sent; None: now. A time in the future counts as
+                now.
         """
         now_ns = time.monotonic_ns()
         ordinal = now_ns if sent_ns is None else min(sent_ns, now_ns)
         return Command(self, ordinal, min(now_ns * 1e-9 + limit_s, not_after_s), is_there)
 
     def stop(self) -> None:
-        """Revoke every command that was sent before. Takes no lock, no thread, no descriptor; cannot fail."""
+        """Revoke every command that was sent before. Needs no lock, thread or descriptor; cannot fail."""
         stop(self.words, time.monotonic_ns())
 
     def estop(self) -> None:
@@ -208,7 +208,7 @@ class Authority:
         estop(self.words, time.monotonic_ns())
 
     def faulted(self) -> None:
-        """A fault is raised where no loop runs that could say so: no clear that was sent before counts for it."""
+        """A fault was raised while no loop runs: a clear that was sent before does not clear it."""
         _faulted(self.words, time.monotonic_ns())
 
     def end(self) -> None:

@@ -1,7 +1,7 @@
 """Time for the compiled loop: CLOCK_MONOTONIC through libc, and the arithmetic of (ns, fraction) instants.
 
-An instant is an int64 of nanoseconds plus a float64 fraction in [0, 1). A period such as 1/3 ms is no whole number of
-nanoseconds; kept this way, a grid of 10⁹ such periods does not drift by a nanosecond.
+An instant is an int64 of nanoseconds plus a float64 fraction in [0, 1). A period such as 1/3 ms is not a whole number of
+nanoseconds; in this form a grid of 10⁹ such periods drifts by less than a nanosecond.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def now_ns(timespec: NDArray[Any]) -> int:
 
 @njit(inline=True, counted=False)
 def sleep_until(timespec: NDArray[Any], instant_ns: int) -> None:
-    """Sleep until an absolute CLOCK_MONOTONIC instant; a signal only makes it go on sleeping."""
+    """Sleep until an absolute CLOCK_MONOTONIC instant, also after a signal."""
     timespec[0] = instant_ns // 1_000_000_000
     timespec[1] = instant_ns - timespec[0] * 1_000_000_000
     while _clock_nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, timespec.ctypes.data, 0) == _EINTR:

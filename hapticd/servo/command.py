@@ -1,4 +1,4 @@
-"""From the requested current to the driver: DAC grid, the delay T_V, and the shutdown through zero current."""
+"""From the requested current to the driver: DAC grid, delay T_V, shutdown with zero current."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LAST_WRITE_ATTEMPTS = 3
 
 @njit(inline=True, counted=False)
 def present(servo: Any) -> tuple[int, float]:
-    """The present instant: by the clock, or in virtual time the tick's."""
+    """The present instant: of the clock, or in virtual time of the tick."""
     if servo.real_time:
         return now_ns(servo.timespec), 0.0
     return servo.tick.woke_ns, servo.tick.frac
@@ -25,7 +25,7 @@ def present(servo: Any) -> tuple[int, float]:
 
 @njit(inline=True, counted=False)
 def write(servo: Any, current: float, ns: int, frac: float, enable: int) -> int:
-    """Put a current on the DAC's grid and hand it to the driver at (ns, frac); returns the driver's code."""
+    """Round a current to the DAC's grid and pass it to the driver at (ns, frac); returns the driver's code."""
     exchange, driver = servo.exchange, servo.driver
     quantised, code = quantise_current(current, servo.params.dac_step, servo.params.dac_max_code)
     exchange.time_ns = ns
@@ -39,7 +39,7 @@ def write(servo: Any, current: float, ns: int, frac: float, enable: int) -> int:
 
 @njit(inline=True, counted=False)
 def write_zero(servo: Any) -> int:
-    """Zero current; the amplifier stays on for this one write, and is switched off by the next."""
+    """Write zero current; the amplifier stays on for this write and is switched off by the next."""
     state = servo.state
     state.delayed_head = 0
     state.delayed_tail = 0
@@ -53,7 +53,7 @@ def write_zero(servo: Any) -> int:
 
 @njit(inline=True, counted=False)
 def leave(servo: Any) -> None:
-    """End the loop: zero current first, then amplifier off, each tried again when the exchange fails."""
+    """End the loop: zero current, then amplifier off; each is repeated if the exchange fails."""
     for enable in (1, 0):
         if enable == 1 and servo.state.amplifier == DISABLED:
             continue
@@ -65,7 +65,7 @@ def leave(servo: Any) -> None:
 
 @njit(inline=True, counted=False)
 def write_at(servo: Any, current: float, ns: int, frac: float) -> int:
-    """Write a current that was asked for; a converter at the end of its range is noted in the row."""
+    """Write a requested current; if the converter is at the end of its range, a flag is set in the row."""
     result = write(servo, current, ns, frac, 1)
     if abs(servo.state.current - current) > servo.params.dac_step:
         servo.tick.flags |= FLAG_SATURATED
@@ -85,14 +85,14 @@ def delay(servo: Any) -> None:
 
 @njit(inline=True, counted=False)
 def due_in(servo: Any, number: int) -> float:
-    """Time from the tick's grid instant to that at which a waiting command falls due, ns."""
+    """Time from the tick's grid instant until a waiting command is due, ns."""
     command = servo.delayed[number & _MASK]
     return (command.due_ns - servo.tick.ns) + (command.due_frac - servo.tick.frac)
 
 
 @njit(counted=False)
 def write_due(servo: Any) -> int:
-    """Write every waiting command that falls due within this period, at its instant; returns the driver's last code."""
+    """Write every waiting command that is due within this period, at its instant; returns the driver's last code."""
     state, tick = servo.state, servo.tick
     result = 0
     is_silent = True
@@ -112,11 +112,11 @@ def write_due(servo: Any) -> int:
                 ns = now_ns(servo.timespec)
                 tick.waited_ns += ns - begin
         elif tick.late_ns > 0 and command.due_ns < tick.woke_ns:
-            ns, frac = present(servo)  # it fell due while the replayed loop slept
+            ns, frac = present(servo)  # it was due while the replayed loop slept
         result = write_at(servo, command.current, ns, frac)
         is_silent = False
     if is_silent:
-        # Nothing is due, but a device with a watchdog wants to hear from us every tick.
+        # Nothing is due, but a device with a watchdog needs a write in every tick.
         ns, frac = present(servo)
         result = write(servo, state.current, ns, frac, 1)
     return result
@@ -124,7 +124,7 @@ def write_due(servo: Any) -> int:
 
 @njit(inline=True, counted=False)
 def write_current(servo: Any) -> int:
-    """Write the rendered current after T_V: at once, or whatever of the waiting commands falls due in this period.
+    """Write the rendered current after T_V: without a delay at once, else the waiting commands that are due in this period.
 
     Returns:
         The driver's last return code.

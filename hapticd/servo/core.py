@@ -1,7 +1,7 @@
-"""The servo's memory and everything Python may do with it: publish parameters, drain rows, read statistics.
+"""Memory of the servo loop and its access from Python: publish parameters, take rows, read statistics.
 
-One :class:`ServoCore` belongs to one driver. Its compiled loop runs in a thread of its own in real time
-(:mod:`hapticd.servo.thread`) or is called for a number of ticks in virtual time (:mod:`hapticd.servo.simulate`).
+One :class:`ServoCore` belongs to one driver. Its compiled loop runs in real time in its own thread
+(:mod:`hapticd.servo.thread`), or for a number of ticks in virtual time (:mod:`hapticd.servo.simulate`).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def _load(shared: NDArray[Any], index: int) -> int:
 @njit(numba.void(numba.from_dtype(SERVO), numba.int64[::1], numba.from_dtype(PARAMS)), counted=False)
 def _publish(servo: Any, shared: NDArray[Any], params: Any) -> None:
     sequence = shared[atomics.SEQUENCE] + 1
-    fence_release()  # the number of the set before must be out before its slot is written again
+    fence_release()  # the number of the previous set must be visible before its slot is written again
     servo.mailbox[sequence & 1] = params
     fence_release()
     atomic_store(shared, atomics.SEQUENCE, sequence)
@@ -59,22 +59,22 @@ def _publish(servo: Any, shared: NDArray[Any], params: Any) -> None:
 
 @dataclass(frozen=True)
 class Request:
-    """What the supervisor wants besides the config: state, fault clearing, a moved origin, an excitation."""
+    """Request of the supervisor, in addition to the config: state, fault clearing, a moved origin, an excitation."""
 
     state: int = layout.OFF
     ordinal: int = authority.FIRST
-    """Of the command that asked for this state."""
+    """Of the command that requested this state."""
     clear: int = 0
     origin_counts: int | None = None
     """Raw count of the spring's origin; None: the config's."""
     excitation_id: int = 0
     excitation_length: int = 0
     exact: bool = False
-    """Running begins without a soft start, as a release does; an excitation has none either."""
+    """Running begins without a soft start: for a release. An excitation also has none."""
     faded: bool = False
-    """No force of spring and damping; it goes as softly as a live change."""
+    """No force of spring and damping; they fade like at a live change."""
     fault: tuple[int, float, float] = (0, 0.0, 0.0)
-    """Number, value and limit of a fault that the loop is to be in, if it renders; 0 for none."""
+    """Number, value and limit of a fault to raise, if the loop renders; 0 for none."""
 
 
 ALONE: Final[dict[str, Any]] = {
@@ -84,13 +84,13 @@ ALONE: Final[dict[str, Any]] = {
     "faded": False,
     "fault": (0, 0.0, 0.0),
 }
-"""Of a request: nothing but the spring."""
+"""Fields of a request for the spring only."""
 
 
 def i2t_limit(config: Config) -> float:
-    """I²t that the motor may take above its continuous current before ``over_current`` trips, A² s.
+    """I²t above the continuous current at which ``over_current`` trips, A² s.
 
-    ``(peak² - continuous²) peak_time``; without a peak current, three times the continuous one stands in for it.
+    ``(peak² - continuous²) peak_time``; without a peak current, three times the continuous current is used.
     """
     amplifier = config.amplifier
     if not amplifier.continuous_current:
@@ -100,12 +100,12 @@ def i2t_limit(config: Config) -> float:
 
 
 def parameters(config: Config, request: Request, *, safety: bool = True, latency_s: float = 0.0) -> np.void:
-    """One whole parameter set for the mailbox: a new `PARAMS` record, units as its comments say.
+    """One complete parameter set for the mailbox: a new `PARAMS` record, with the units of its comments.
 
     Args:
-        config: the configuration in force. request: what the supervisor wants besides.
-        safety: False for no trips, no clamp and no soft start. latency_s: the driver's declared latency, for the passivity
-            controller and the current that is expected to be measured.
+        config: the configuration. request: of the supervisor.
+        safety: False: no trips, no clamp and no soft start. latency_s: the driver's declared latency, for the passivity
+            controller and the expected measured current.
     """
     p: np.void = np.zeros(1, PARAMS)[0]
     raw = config.raw_resolution
@@ -136,7 +136,7 @@ def parameters(config: Config, request: Request, *, safety: bool = True, latency
     step, p["dac_max_code"] = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
     p["dac_step"] = step
     peak = amplifier.peak_current or math.inf
-    # The DAC rounds; a clamp that is not on its grid could be rounded up, beyond the peak.
+    # The DAC rounds: a clamp that is not on its grid could be rounded up, above the peak.
     p["peak_current"] = math.floor(peak / step) * step if step and math.isfinite(peak) else peak
     p["continuous_current"] = amplifier.continuous_current or math.inf
     p["i2t_limit"] = i2t_limit(config)
@@ -164,12 +164,12 @@ class ServoCore:
     """Shared memory of one servo loop.
 
     Args:
-        driver: an open driver; kept alive by this object.
-        ring_rows: rows the ring holds, a power of two (131072 rows are 13 s at 10 kHz).
-        flight: a file whose memory is ring and shared atomics, so that they outlive the process; None: memory of our own.
-        keep_truth: keep the simulated device's true state beside each row.
+        driver: an open driver; this object holds a reference.
+        ring_rows: rows of the ring, a power of two (131072 rows are 13 s at 10 kHz).
+        flight: a file whose memory is ring and shared atomics, so that they survive the process; None: ordinary memory.
+        keep_truth: store the simulated device's true state with each row.
         excitation_rows: longest excitation in ticks.
-        words: who may set the motor in motion (`hapticd.servo.authority`); None: nobody revokes anything.
+        words: of the authority (`hapticd.servo.authority`); None: no command is revoked.
     """
 
     def __init__(
@@ -190,13 +190,13 @@ class ServoCore:
         self.truth = np.zeros((ring_rows if keep_truth else 0, 2))
         self.excitation = np.zeros((2, excitation_rows))
         for block in (self.memory, self.ring, self.truth, self.excitation):
-            # Zeroed memory is not there until it is touched, and the loop must not be the one to do it.
+            # The kernel allocates zeroed pages at the first access, which must not happen in the loop.
             block.view(np.uint8).fill(0)
         self.params: np.void = self.memory[0]["params"]
-        """The parameter set in force."""
+        """The present parameter set."""
         self.snapshot: np.void = self.memory[0]["snapshot"]
         self.exchange: NDArray[np.int64] = self.memory["exchange"].view(np.int64)
-        """The block that the driver gets; ``exchange.view(float64)`` is its floating-point side."""
+        """Memory shared with the driver; ``exchange.view(float64)`` is its floating-point view."""
         self.late_histogram: NDArray[np.int64] = self.memory["late_histogram"][0]
         self.exec_histogram: NDArray[np.int64] = self.memory["exec_histogram"][0]
         self._state: np.void = self.memory[0]["state"]
@@ -204,7 +204,7 @@ class ServoCore:
         self.memory["driver"] = (*functions, driver.state_address, self.exchange.ctypes.data)
 
     def publish(self, params: np.void) -> int:
-        """Hand a whole parameter set to the loop; returns its sequence number (one publisher at a time)."""
+        """Publish a complete parameter set to the loop; returns its sequence number (one publisher at a time)."""
         _publish(self.memory[0], self.shared, params)
         return int(self.shared[atomics.SEQUENCE])
 
@@ -213,36 +213,36 @@ class ServoCore:
         return int(_load(self.shared, index))
 
     def store(self, index: int, value: int) -> None:
-        """A shared atomic of the supervisor's, with release ordering."""
+        """Set a shared atomic of the supervisor, with release ordering."""
         _store(self.shared, index, value)
 
     @property
     def fault_numbers(self) -> tuple[float, float]:
-        """What tripped the fault, and the limit that it crossed, in the units of `hapticd.servo.faults`."""
+        """The value that tripped the fault, and its limit, in the units of `hapticd.servo.faults`."""
         return atomics.fault_numbers(self.shared)
 
     @property
     def i2t(self) -> float:
-        """I²t above the continuous current by now, A² s."""
+        """Present I²t above the continuous current, A² s."""
         return float(self._state["i2t"])
 
     @property
     def estops_obeyed(self) -> int:
-        """How many software stops the loop has obeyed, of all that were asked for (`authority.ESTOPS`)."""
+        """Number of software stops that the loop has executed (requested: `authority.ESTOPS`)."""
         return int(self._state["estops"])
 
     @property
     def ordinal(self) -> int:
-        """Of the command whose request is in force."""
+        """Ordinal of the command whose request is active."""
         return int(self.params["ordinal"])
 
     def begin(self, start_ns: int, mode: int = layout.OFF, estops_obeyed: int = 0, i2t: float = 0.0) -> None:
-        """Set the time grid's origin and the first mode, with the first published parameter set in force.
+        """Set the origin of the time grid and the first mode, and apply the first published parameter set.
 
         Args:
             start_ns: of CLOCK_MONOTONIC, or of virtual time. mode: OFF, RUNNING or FAULT.
-            estops_obeyed: by the loop before this one; what was asked for since is obeyed in the first tick.
-            i2t: of the current that has flowed before, A² s.
+            estops_obeyed: by the previous loop; later requests are executed in the first tick.
+            i2t: of the earlier current, A² s.
         """
         sequence = self.shared[atomics.SEQUENCE]
         self.memory["params"] = self.memory["mailbox"][0, sequence & 1]
@@ -266,19 +266,19 @@ class ServoCore:
         return reason
 
     def replay(self, skip: int, late_ns: int) -> None:
-        """Have the next tick in virtual time come as one of a recorded loop did.
+        """Give the next tick in virtual time the timing of a recorded one.
 
         Args:
-            skip: periods that were missed before it. late_ns: how late after its grid instant it woke, ns.
+            skip: periods missed before it. late_ns: its lateness, ns.
         """
         self._state["replayed_skip"], self._state["replayed_late_ns"] = skip, late_ns
 
     def drain(self) -> NDArray[Any]:
-        """Take all rows that are waiting (a copy); one consumer only."""
+        """Take all waiting rows (a copy); one consumer only."""
         return joined(*self.drain_batches(len(self.ring)))
 
     def drain_batches(self, rows: int = PORTION_ROWS) -> Iterator[NDArray[Any]]:
-        """Take the rows that are waiting now (copies), at least one batch, be it empty; one consumer only.
+        """Take the rows that are waiting now (copies), in at least one batch, which may be empty; one consumer only.
 
         Each batch fits into a few hundred kilobytes, however many rows are waiting.
         """
@@ -293,10 +293,10 @@ class ServoCore:
                 return
 
     def history(self, seconds: float) -> NDArray[Any]:
-        """Copy of the rows of the last ``seconds``, taken or not, oldest first; from any thread, beside the loop."""
+        """Copy of the rows of the last ``seconds``, taken or not, oldest first; from any thread, while the loop runs."""
         size = len(self.ring)
         head = self.load(atomics.RING_HEAD)
-        # The slot after the newest row may be half written by now.
+        # The slot after the newest row may be half written.
         oldest = max(0, head - size + 1)
         if head == oldest:
             return self.ring[:0].copy()
@@ -309,7 +309,7 @@ class ServoCore:
         return rows[max(0, overwritten) :]
 
     def next_instant(self) -> tuple[int, float]:
-        """Instant (ns, fraction) at which the next tick is due; in virtual time, the end of what was simulated."""
+        """Instant (ns, fraction) of the next tick; in virtual time, the end of the simulated time."""
         state = self._state
         steps = int(state["next_tick"] - state["grid_tick"])
         period_ns = float(self.params["period_ns"])
@@ -317,11 +317,11 @@ class ServoCore:
         return int(ns), float(rest)
 
     def dropped(self) -> int:
-        """Rows lost because nobody drained the ring."""
+        """Rows lost because the ring was full."""
         return int(self.shared[atomics.DROPPED])
 
     def passivity(self) -> dict[str, float]:
-        """What the passivity observer has booked since the start: energies in J, and the controller's current in A."""
+        """Energies of the passivity observer since the start, in J, and the controller's current in A."""
         energies = {
             f"{name}_J": float(self.snapshot[name]) for name in ("put_out", "generated", "excess", "dissipated")
         }

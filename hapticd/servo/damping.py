@@ -1,10 +1,10 @@
-"""The velocity that the virtual damping goes by, from the coarse positions that the spring goes by.
+"""Velocity estimate of the virtual damping, from the coarse positions of the spring.
 
     v(k) = Δ (⌊x(k)/Δ⌋ − ⌊x(k−n)/Δ⌋) / (n T)                    difference over n periods
     v(k) = a v(k−1) + (1 − a) Δ (⌊x(k)/Δ⌋ − ⌊x(k−1)/Δ⌋) / T      low-pass of cut-off f, a = e^(−2π f T)
 
-The history holds raw counts with their ticks: it outlives a change of origin and decimation, and a skipped period or a
-failed exchange makes a difference over more periods and not a wrong one.
+The history contains raw counts with their ticks: a change of origin or decimation does not affect it, and a skipped period
+or a failed exchange gives a difference over more periods, not a wrong one.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ _MASK = MOST_SAMPLES - 1
 
 @njit(inline=True, counted=False)
 def estimate_velocity(servo: Any) -> float:
-    """Velocity of the coarse position, counts/s; 0 in the first tick that asks for it."""
+    """Velocity of the coarse position, counts/s; 0 in the first tick."""
     params, state, tick = servo.params, servo.state, servo.tick
     if state.velocity_tick != tick.number - tick.missed - 1 or state.velocity_period_ns != params.period_ns:
-        state.velocity_samples = 0  # the damping was off, or the rate another
+        state.velocity_samples = 0  # the damping was off, or the rate has changed
     state.velocity_tick = tick.number
     state.velocity_period_ns = params.period_ns
     known = state.velocity_samples

@@ -1,6 +1,6 @@
 """Dither waveforms of unit peak.
 
-A waveform is a function of its phase in turns, so that a change of servo rate or frequency never makes it jump.
+A waveform is a function of its phase in turns, so that it stays continuous when servo rate or frequency change.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Identification experiments: what ``hapticd excite`` plays through the loop while it records.
+"""Excitations for identification: the signals of ``hapticd excite``.
 
-An excitation is a table with one column a tick and two rows: extra current (A) and displacement of the spring's origin
-(raw counts). The spring stays on, so the shaft is always held; every safety trip stays armed. A shape that the limits do
-not admit is refused before anything moves.
+An excitation is a table with one column per tick and two rows: additional current (A) and displacement of the spring's
+origin (raw counts). The spring stays on, so the shaft is always held; every safety trip stays active. A shape beyond the
+limits is refused before any motion.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy  # scipy.signal is loaded when it is first used, which takes half a second
+import scipy  # loads scipy.signal at its first use, which takes half a second
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 
 
 _SAMPLES_PER_PERIOD = 4.0
-"""Fewer make no sine of a wave that is held from tick to tick."""
+"""Smallest number with which a sine held from tick to tick is still a sine."""
 
 
 class ExcitationError(ValueError):
-    """An excitation cannot be run: unknown name, or beyond a limit (the text has value, limit and unit)."""
+    """An excitation cannot be run: unknown name, or beyond a limit (the message has value, limit and unit)."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The numbers a shape is made of; each shape uses those that its summary names."""
+    """Parameters of a shape; each shape uses some of them."""
 
     amplitude: float
     """Peak: A for current shapes, rad or m for shapes that move the origin."""
@@ -43,7 +43,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Shape:
-    """One entry of the list that ``hapticd excite --list`` prints."""
+    """One entry of ``hapticd excite --list``."""
 
     name: str
     summary: str
@@ -53,7 +53,7 @@ class Shape:
     effort: float = 4.0
     """Default amplitude of a current shape, in multiples of the break-away current."""
     sweeps_frequency: bool = False
-    """Whether its plan's ``low_hz`` and ``high_hz`` mean anything."""
+    """Whether it uses ``low_hz`` and ``high_hz`` of its plan."""
 
 
 def _ramps(plan: Plan, t: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -61,7 +61,7 @@ def _ramps(plan: Plan, t: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _sweeps(plan: Plan, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    # Five speeds, each there and back and to both sides; the slower ones get more of the time.
+    # Five speeds, each in both directions and on both sides; the slower ones take more of the time.
     cycles = np.array([1, 2, 3, 5, 8])
     share = np.full(len(cycles), plan.duration_s / len(cycles))
     starts = np.concatenate([[0.0], np.cumsum(share)])
@@ -80,7 +80,7 @@ def _steps(plan: Plan, t: NDArray[np.float64]) -> NDArray[np.float64]:
     count = max(4, int(plan.duration_s / 0.25) // 2 * 2)
     half = random.uniform(0.25, 1.0, count // 2)
     levels = np.empty(count)
-    levels[0::2], levels[1::2] = half, -half  # as much to one side as to the other
+    levels[0::2], levels[1::2] = half, -half  # symmetric
     index = np.minimum((t / plan.duration_s * count).astype(int), count - 1)
     return np.asarray(plan.amplitude * levels[index])
 
@@ -97,7 +97,7 @@ SHAPES: dict[str, Shape] = {
         Shape("ramp", "slow triangular current ramps to both sides: breakaway and presliding", False, 20.0, _ramps),
         Shape(
             "sweep",
-            "the spring's origin travels to and fro at five constant speeds: friction curve",
+            "the spring's origin moves forth and back at five constant speeds: friction curve",
             True,
             20.0,
             _sweeps,
@@ -116,7 +116,7 @@ SHAPES: dict[str, Shape] = {
 
 
 def default_plan(config: Config, shape: Shape) -> Plan:
-    """A plan that the config's limits admit and that moves the shaft of the config's own plant model."""
+    """A plan within the config's limits that moves the shaft of its plant model."""
     breakaway = config.plant.coulomb / config.amplifier.torque_constant
     if shape.moves_origin:
         stuck = config.plant.coulomb / config.spring.stiffness if config.spring.stiffness else 0.0
@@ -144,18 +144,18 @@ def build(
     high_hz: float | None = None,
     seed: int = 1,
 ) -> NDArray[np.float64]:
-    """The table of one shape, or of ``all`` of them one after the other (each at its own default plan).
+    """The table of one shape, or of ``all`` one after the other (each with its default plan).
 
     Args:
-        config: gives rate, limits and defaults.
+        config: for rate, limits and defaults.
         name: a key of `SHAPES`, or ``all``.
         amplitude: peak; A, or rad or m for shapes that move the origin.
         duration_s: duration in s.
-        low_hz: where a chirp begins, Hz. high_hz: where it ends.
+        low_hz: first frequency of a chirp, Hz. high_hz: last frequency, Hz.
         seed: of the random heights of ``steps``.
 
     Returns:
-        Shape (2, ticks): extra current in A, displacement of the origin in raw counts.
+        Shape (2, ticks): additional current in A, displacement of the origin in raw counts.
 
     Raises:
         ExcitationError: unknown name, or the plan is beyond a limit of the config.
@@ -164,7 +164,7 @@ def build(
     chosen = {key: value for key, value in given.items() if value is not None}
     if name == ALL:
         if chosen:
-            raise ExcitationError(f"all: takes no {next(iter(chosen))}; name one excitation to choose it")
+            raise ExcitationError(f"all: takes no {next(iter(chosen))}; give one excitation to set it")
         pause = np.zeros((2, round(0.5 * config.servo.rate_hz)))
         parts = [part for shape in SHAPES for part in (build(config, shape, seed=seed), pause)]
         return np.concatenate(parts, axis=1)
@@ -172,7 +172,7 @@ def build(
         raise ExcitationError(f"excitation {name!r} is unknown (known: {', '.join([*SHAPES, ALL])})")
     shape = SHAPES[name]
     if not shape.sweeps_frequency and (wrong := {"low_hz", "high_hz"} & chosen.keys()):
-        raise ExcitationError(f"{name}: takes no {min(wrong)}; its motion has no frequency to choose")
+        raise ExcitationError(f"{name}: takes no {min(wrong)}; it has no frequency range")
     plan = replace(default_plan(config, shape), **chosen, seed=seed)
     _check(config, shape, plan)
     if shape.sweeps_frequency:
@@ -213,7 +213,7 @@ def _check_frequencies(config: Config, shape: Shape, plan: Plan) -> None:
     if plan.high_hz > highest:
         raise ExcitationError(
             f"{shape.name}: high_hz = {plan.high_hz:g}: must be at most {highest:g} Hz "
-            f"({_SAMPLES_PER_PERIOD:g} samples a period at servo.rate_hz)"
+            f"({_SAMPLES_PER_PERIOD:g} samples per period at servo.rate_hz)"
         )
 
 
@@ -223,6 +223,6 @@ def _check_speed(config: Config, origin: NDArray[np.float64]) -> None:
     if limit and speed > limit / 2:
         unit = "m/s" if config.is_linear else "rad/s"
         raise ExcitationError(
-            f"sweep: the origin would travel at {speed:.4g} {unit}: must be at most {limit / 2:g} {unit} "
+            f"sweep: the origin would move at {speed:.4g} {unit}: must be at most {limit / 2:g} {unit} "
             "(half of safety.max_velocity); make the amplitude smaller or the duration longer"
         )

@@ -1,4 +1,4 @@
-"""An experiment as a file: which excitation ``hapticd excite`` plays, with which numbers, under which live settings.
+"""An experiment as a file: excitation of ``hapticd excite``, its parameters, and live settings.
 
     excitation: chirp
     amplitude: 0.4        # A; rad or m for shapes that move the spring's origin
@@ -7,7 +7,7 @@
     high_hz: 200
     settings: {spring.stiffness: 0.004}
 
-Every key but the first may be left out. ``settings`` hold for the experiment and are taken back after it.
+Only the first key is required. ``settings`` apply during the experiment and are restored after it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _KEYS: Final = ("excitation", *_UNITS, "seed", "settings")
 
 @dataclass(frozen=True)
 class Experiment:
-    """What is played. What is None is left to the daemon, which also checks all numbers against its limits."""
+    """An excitation with its parameters. The daemon chooses those that are None, and checks all against its limits."""
 
     excitation: str
     amplitude: float | None = None
@@ -41,10 +41,10 @@ class Experiment:
     high_hz: float | None = None
     seed: int | None = None
     settings: Mapping[str, float | int | str | bool | None] = field(default_factory=dict)
-    """Dotted live key to value, in force while it is played."""
+    """Dotted live key to value, during the experiment."""
 
     def plan(self) -> dict[str, Any]:
-        """The numbers that are given, as keywords of :func:`hapticd.servo.excitation.build`."""
+        """The given parameters, as keywords of :func:`hapticd.servo.excitation.build`."""
         values = {key: getattr(self, key) for key in (*_UNITS, "seed")}
         return {key: value for key, value in values.items() if value is not None}
 
@@ -68,7 +68,7 @@ class Experiment:
 
 
 def names_file(name: str) -> bool:
-    """Whether what ``hapticd excite`` is given names a file and not a shape."""
+    """Whether the argument of ``hapticd excite`` is a file and not a shape."""
     return "/" in name or name.endswith(SUFFIXES)
 
 
@@ -89,13 +89,13 @@ def experiment_of(data: object, source: str) -> Experiment:
 
     Args:
         data: the content of a file.
-        source: what to call it in messages.
+        source: its name in messages.
 
     Raises:
         ConfigError: with everything that is wrong.
     """
     if not isinstance(data, dict):
-        raise ConfigError([Problem(source, "", None, "holds no experiment; write at least 'excitation: chirp'")])
+        raise ConfigError([Problem(source, "", None, "contains no experiment; write at least 'excitation: chirp'")])
     problems = list(_problems(data, source))
     if problems:
         raise ConfigError(problems)
@@ -127,7 +127,7 @@ def _problems(data: dict[str, Any], file: str) -> Iterator[Problem]:
 
 
 def setting_problems(settings: object, file: str) -> Iterator[Problem]:
-    """What is wrong with settings that are in force for a while."""
+    """Problems of the settings of an experiment."""
     if not isinstance(settings, dict):
         yield Problem(file, "settings", shown(settings), "must be a mapping of dotted keys, {} for none")
         return
@@ -135,7 +135,7 @@ def setting_problems(settings: object, file: str) -> Iterator[Problem]:
         if key not in LIVE_KEYS:
             nearest = nearest_key(key, LIVE_KEYS)
             hint = f"; did you mean {nearest}?" if nearest else ""
-            message = f"no setting that can change while the daemon runs{hint}"
+            message = f"not a setting that can change while the daemon runs{hint}"
             yield Problem(file, f"settings.{key}", None, message, nearest=nearest)
         elif isinstance(value, dict | list):
             yield Problem(file, f"settings.{key}", shown(value), "must be one value")

@@ -1,6 +1,6 @@
-"""The faults: one code, one cause in words, one remedy, one page each (``docs/faults/<code>.md``, ``hapticd help <code>``).
+"""The faults: each with a code, a cause in words, a remedy and a page (``docs/faults/<code>.md``, ``hapticd help <code>``).
 
-The loop raises a number with the value that tripped it and the limit; everything readable is made here.
+The loop raises a number, with the value that tripped it and the limit; this module makes the text.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ SYNC_LOST: Final = 19
 CLEAR: Final = "when the rig is safe, 'hapticd clear'"
 REPLUG: Final = (
     "plug it in, switch it on and restart the daemon, then 'hapticd clear'; with driver.reconnect: true it is opened again "
-    "by itself"
+    "automatically"
 )
-REOPENS: Final = "plug it in and switch it on; it is opened again by itself, then 'hapticd clear'"
-REOPENED: Final = "the device answers again: look at the rig, then 'hapticd clear'"
+REOPENS: Final = "plug it in and switch it on; it is opened again automatically, then 'hapticd clear'"
+REOPENED: Final = "the device answers again: check the rig, then 'hapticd clear'"
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class FaultKind:
     """One kind of fault.
 
     Attributes:
-        code: its public name. text: a sentence with the numbers that tripped it. remedy: what a person does about it.
+        code: its public name. text: a sentence with value and limit. remedy: what the user does.
     """
 
     code: str
@@ -54,7 +54,7 @@ class FaultKind:
 KINDS: Final[dict[int, FaultKind]] = {
     OVER_CURRENT: FaultKind(
         "over_current",
-        "the current asked for stayed above the continuous rating too long: its excess reached {value:.4g} A² s, "
+        "the requested current stayed above the continuous rating too long: its excess reached {value:.4g} A² s, "
         "the limit (peak² - continuous²) x peak time is {limit:.4g} A² s",
         "let the winding cool, then 'hapticd clear'",
     ),
@@ -71,7 +71,7 @@ KINDS: Final[dict[int, FaultKind]] = {
     ENCODER_JUMP: FaultKind(
         "encoder_jump",
         "the encoder moved {value:.0f} counts in one period, more than safety.encoder_jump = {limit:.0f} counts",
-        "look at the encoder and its cable, turn the shaft to its reference, then 'hapticd clear'",
+        "check the encoder and its cable, turn the shaft to its reference, then 'hapticd clear'",
     ),
     MISSED_EXCHANGES: FaultKind(
         "missed_exchanges",
@@ -80,7 +80,7 @@ KINDS: Final[dict[int, FaultKind]] = {
     ),
     OVERRUN: FaultKind(
         "overrun",
-        "{value:.0f} periods were missed beyond the ticks in time since, servo.overrun ends at {limit:.0f}",
+        "{value:.0f} periods were missed, minus the punctual ticks since then; servo.overrun allows {limit:.0f}",
         "'hapticd latency' says which rate this machine holds; 'hapticd clear' at any time",
     ),
     NON_FINITE: FaultKind(
@@ -100,18 +100,18 @@ KINDS: Final[dict[int, FaultKind]] = {
     ),
     DEVICE_FAULT: FaultKind(
         "device_fault",
-        "the device reports a fault of its own, code {value:.0f} (0x{value_int:x})",
+        "the device reports a fault, code {value:.0f} (0x{value_int:x})",
         "clear the fault in the device itself, then 'hapticd clear'",
     ),
     HEARTBEAT_LOST: FaultKind(
         "heartbeat_lost",
-        "the supervisor gave no sign of life for {value:.0f} ms, safety.heartbeat_timeout_s = {limit:.0f} ms",
+        "the supervisor sent no heartbeat for {value:.0f} ms, safety.heartbeat_timeout_s = {limit:.0f} ms",
         "'hapticd clear'; its page lists what stops the supervisor",
     ),
     ESTOP: FaultKind(
         "estop",
-        "software stop asked for by a user or a program",
-        "when everybody's hands are where they should be, 'hapticd clear'",
+        "software stop requested by a user or a program",
+        "when nobody can be hurt, 'hapticd clear'",
     ),
     ENABLE_TIMEOUT: FaultKind(
         "enable_timeout",
@@ -125,20 +125,20 @@ KINDS: Final[dict[int, FaultKind]] = {
     ),
     RELOAD_FAILED: FaultKind(
         "reload_failed",
-        "the new configuration could not be put into force",
-        "go on with the old configuration: 'hapticd clear'; or correct the new one, and then 'hapticd reload' again",
+        "the new configuration could not be applied",
+        "'hapticd clear' keeps the old configuration; or correct the new one, then 'hapticd reload' again",
     ),
     CURRENT_MISMATCH: FaultKind(
         "current_mismatch",
-        "the device measures {value:.4g} A, beyond the {limit:.4g} A that the current commanded, the amplifier's model and "
+        "the device measures {value:.4g} A, beyond the {limit:.4g} A that the commanded current, the amplifier's model and "
         "safety.current_mismatch explain",
-        "find out which of both is wrong (the drive's scale, the motor's leads, its supply), then 'hapticd clear'",
+        "find the wrong one of the two (the drive's scale, the motor's leads, its supply), then 'hapticd clear'",
     ),
     UNSTABLE: FaultKind(
         "unstable",
-        "theory has found a start from which this spring does not come to rest: {value:.4g} ticks from the origin, at "
-        "{limit:.4g} ticks per period; the force was taken back softly",
-        "take one of the changes that 'hapticd check' offers, then 'hapticd clear'",
+        "the theory has found a start from which this spring does not come to rest: {value:.4g} ticks from the origin, at "
+        "{limit:.4g} ticks per period; the force was faded out",
+        "make one of the changes that 'hapticd check' proposes, then 'hapticd clear'",
     ),
     ENABLE_RELEASED: FaultKind(
         "enable_released",
@@ -147,8 +147,8 @@ KINDS: Final[dict[int, FaultKind]] = {
     ),
     SYNC_LOST: FaultKind(
         "sync_lost",
-        "no SYNC has come for {value:.3g} periods (servo.clock: sync), safety.missed_exchanges = {limit:.0f}",
-        "have the producer send SYNC again, then 'hapticd clear'",
+        "no SYNC was received for {value:.3g} periods (servo.clock: sync), safety.missed_exchanges = {limit:.0f}",
+        "make the producer send SYNC again, then 'hapticd clear'",
     ),
 }
 
@@ -161,9 +161,9 @@ def describe(number: int, value: float, limit: float, *, is_linear: bool, detail
     Args:
         number: the loop's fault number.
         value: what tripped it, in the unit of its text.
-        limit: the limit that it crossed.
-        is_linear: m instead of rad.
-        detail: more words, such as the text of a driver's exception.
+        limit: the limit that was exceeded.
+        is_linear: whether units are in m instead of rad.
+        detail: further text, such as that of a driver's exception.
     """
     kind = KINDS[number]
     unit = "m" if is_linear else "rad"

@@ -1,13 +1,13 @@
-"""Does the current that the device measures follow the one that is commanded? The trip `current_mismatch`.
+"""Comparison of measured and commanded current: the trip `current_mismatch`.
 
 The amplifier is a current loop of second order, i'' = ω² (u − i) − 2 δ ω i' with ω = 2π `bandwidth_hz`, δ = `damping_ratio`.
-With the command held for a period T its distance e = i − u and r = i'/ω move by the exact transition exp(A ω T),
-A = [[0, 1], [−1, −2δ]], which Python works out with each parameter set. Until the next command e² + r² never grows, so that
-the current stays within u ± (|e| + |r|), whenever in the period it is sampled.
+With the command held for a period T, the difference e = i − u and r = i'/ω change by the exact transition exp(A ω T),
+A = [[0, 1], [−1, −2δ]], computed in Python for each parameter set. Until the next command e² + r² never grows, so that
+the current is within u ± (|e| + |r|) at every instant of the period.
 
-A sample may be a few periods old: a command changes within a period (T_V), a link takes its time, and the theory's amplifier
-is a pure delay. So the measured current is compared with all that the current may have been in the last one to two blocks of
-periods, each as long as twice the lag and three periods.
+A sample may be a few periods old: a command may change within a period (T_V), a link has a latency, and the theory's
+amplifier is a pure delay. So the measured current is compared with the range of the current in the last one to two blocks of
+periods; a block is twice the lag plus three periods.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 SHARE = 0.1
-"""Of the current, allowed beside `safety.current_mismatch`: what a drive's own scale and its sensor are wrong by."""
+"""Relative tolerance in addition to `safety.current_mismatch`: for errors of the drive's scale and of its sensor."""
 _FEWEST_SAMPLES = 3
 
 
 def follow_parameters(config: Config, latency_s: float) -> dict[str, float]:
-    """The fields of `hapticd.servo.layout.PARAMS` that this module goes by.
+    """The fields of `hapticd.servo.layout.PARAMS` that this module uses.
 
     Args:
-        config: the configuration in force. latency_s: the driver's declared latency.
+        config: the configuration. latency_s: the driver's declared latency.
     """
     period, limits, amplifier = config.period, config.safety, config.amplifier
     lag = loop_from_config(config, latency_s).delay - config.delay.computation_s
@@ -58,7 +58,7 @@ def transition(turned: float, damping: float) -> tuple[float, float, float, floa
     """
     if turned == 0.0:
         return 0.0, 0.0, 0.0, 0.0
-    # A has the eigenvalues −δ ± √(δ² − 1); for equal ones the limit sin(x)/x of either form is taken.
+    # A has the eigenvalues −δ ± √(δ² − 1); for equal ones both forms have the limit sin(x)/x.
     root = damping * damping - 1.0
     step = math.sqrt(abs(root)) * turned
     if step < 1e-6:
@@ -75,12 +75,12 @@ def transition(turned: float, damping: float) -> tuple[float, float, float, floa
 
 @njit(inline=True, counted=False)
 def follow_current(servo: Any, shared: Any) -> None:
-    """Move the amplifier's model on by the period that ends with this tick, and compare the sample with it."""
+    """Advance the amplifier's model by the period that ends with this tick, and compare the sample with it."""
     params, state, tick, measured = servo.params, servo.state, servo.tick, servo.exchange.current_measured
     command = max(-params.current_limit, min(params.current_limit, state.current))
     away, rate = state.followed - command, state.follow_rate
     if tick.missed > 0:
-        away, rate = 0.0, 0.0  # it has had the time
+        away, rate = 0.0, 0.0  # enough periods were skipped to settle
     reach = abs(away) + abs(rate)
     state.followed = command + params.follow_ii * away + params.follow_ir * rate
     state.follow_rate = params.follow_ri * away + params.follow_rr * rate
@@ -100,7 +100,7 @@ def follow_current(servo: Any, shared: Any) -> None:
     low, high = min(low, state.block_low), max(high, state.block_high)
     low -= params.mismatch + SHARE * abs(low)
     high += params.mismatch + SHARE * abs(high)
-    # Where nothing is measured it is not a number, and neither.
+    # NaN if nothing is measured: no comparison is true.
     if measured > high or measured < low:
         state.mismatched += 1
         if state.mismatched >= params.mismatch_ticks:

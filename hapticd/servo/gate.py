@@ -1,7 +1,7 @@
-"""The safety gate: what may end a tick in a fault, and the modes off → ready → running → (fault, latched).
+"""The safety gate: the checks that raise a fault, and the modes off → ready → running → (fault, latched).
 
-Nothing here recovers by itself. A fault keeps its number, the value that tripped it and the limit until a ``clear`` comes
-with a later parameter set; leaving ``running`` by any way means zero current in the same tick, amplifier off in the next.
+There is no automatic recovery. A fault keeps its number, the value that tripped it and the limit until a ``clear`` comes
+with a later parameter set. Every exit from ``running``: zero current in the same tick, amplifier off in the next.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hapticd.servo.passivity import forget_energy
 
 @njit(inline=True, counted=False)
 def raise_fault(servo: Any, shared: Any, code: int, value: float, limit: float) -> None:
-    """Latch a fault; the first one is kept, later ones are its consequences."""
+    """Latch a fault; only the first one is kept, because later ones are its consequences."""
     if servo.state.mode == FAULT:
         return
     servo.state.mode = FAULT
@@ -34,29 +34,29 @@ def raise_fault(servo: Any, shared: Any, code: int, value: float, limit: float) 
 
 @njit(inline=True, counted=False)
 def check_exchange(servo: Any, shared: Any, result: int) -> None:
-    """Fault on a driver's return value other than OK (0) and MISSED (1)."""
+    """Raise a fault for a driver's return value other than OK (0) and MISSED (1)."""
     if result == 2:
         raise_fault(servo, shared, faults.DEVICE_FAULT, servo.exchange.device_code, 0.0)
     elif result == -1:
         raise_fault(servo, shared, faults.DRIVER_ERROR, result, 0.0)
     elif result < -1 or result > 2:
-        # Also where another fault came first, such as the exchanges that failed before the driver was sure.
+        # Also after another fault, such as that of missed exchanges before the driver reported the loss.
         atomic_store(shared, atomics.DEVICE_LOST, 1)
         raise_fault(servo, shared, faults.DRIVER_LOST, result, 0.0)
 
 
 @njit(inline=True, counted=False)
 def proven(counts: float) -> float:
-    """The way that a difference of readings proves, counts: one less, since either may be anywhere within its count.
+    """Displacement that a difference of two counts proves, in counts: one less, because of the quantisation of both.
 
-    Every trip that an encoder's reading decides goes by this. What two counts in a period prove is one count in a period.
+    All trips on encoder counts use it. Two counts in a period prove a displacement of one count.
     """
     return max(abs(counts) - 1.0, 0.0)
 
 
 @njit(inline=True, counted=False)
 def take_counts(servo: Any, shared: Any) -> None:
-    """Accept a fresh sample: speed from the time that really passed, then jump, over-speed and excursion."""
+    """Accept a new sample: speed from the elapsed time, then the trips on jump, over-speed and excursion."""
     params, state, tick = servo.params, servo.state, servo.tick
     counts = -servo.exchange.counts if params.invert else servo.exchange.counts
     watching = params.safety and state.mode == RUNNING
@@ -65,7 +65,7 @@ def take_counts(servo: Any, shared: Any) -> None:
         elapsed = max(tick.woke_ns - state.counts_ns, int(0.5 * params.period_ns))
         state.speed = moved * 1e9 / elapsed
         if watching:
-            # A later sample may have moved further: the limit is per period that passed.
+            # A later sample may have moved further: the limit is per elapsed period.
             periods = 1 + tick.missed + state.missed_in_a_row
             scale = params.raw_resolution
             fastest = proven(moved) * 1e9
@@ -88,9 +88,9 @@ def take_counts(servo: Any, shared: Any) -> None:
 
 @njit(inline=True, counted=False)
 def count_late(servo: Any) -> None:
-    """Periods missed, less ticks in time: a freeze weighs as much as late ticks, and a loop late most of the time adds up.
+    """Count missed periods, minus punctual ticks: one long freeze and frequent late ticks count alike.
 
-    Before the state machine: what was missed before ``running`` began is then forgotten with the rest.
+    Called before the state machine, which resets the count when ``running`` begins.
     """
     missed = servo.tick.missed
     servo.state.late_periods = max(0, servo.state.late_periods + (missed if missed > 0 else -1))
@@ -98,7 +98,7 @@ def count_late(servo: Any) -> None:
 
 @njit(inline=True, counted=False)
 def check_load(servo: Any, shared: Any) -> None:
-    """Missed periods, missed exchanges, and the I²t of the current that flowed since the last tick."""
+    """Trips on missed periods, missed exchanges, and the I²t of the current since the last tick."""
     params, state, missed = servo.params, servo.state, servo.tick.missed
     if not params.safety:
         return
@@ -112,14 +112,14 @@ def check_load(servo: Any, shared: Any) -> None:
     if np.isfinite(params.continuous_current):
         seconds = params.period_ns * 1e-9 * (1 + missed)
         state.i2t = max(0.0, state.i2t + (state.current**2 - params.continuous_current**2) * seconds)
-        shared.view(np.float64)[atomics.I2T] = state.i2t  # which outlives the process
+        shared.view(np.float64)[atomics.I2T] = state.i2t  # survives the process
         if state.i2t > params.i2t_limit:
             raise_fault(servo, shared, faults.OVER_CURRENT, state.i2t, params.i2t_limit)
 
 
 @njit(inline=True, counted=False)
 def forget_motion(servo: Any) -> None:
-    """Start counting afresh: nothing that happened before a (re)start may trip a limit or be commanded."""
+    """Reset the state of the motion: nothing from before a (re)start may trip a limit or be commanded."""
     state = servo.state
     state.have_counts = False
     state.missed_in_a_row = 0
@@ -134,7 +134,7 @@ def forget_motion(servo: Any) -> None:
 
 @njit(inline=True, counted=False)
 def step_mode(servo: Any, shared: Any, words: Any) -> None:
-    """One step of the state machine: clear, estop, heartbeat, then what the supervisor requests and nobody has revoked."""
+    """One step of the state machine: clear, estop, heartbeat, then the supervisor's request, unless revoked."""
     params, state, now_ns = servo.params, servo.state, servo.tick.woke_ns
     estops, revoked = atomic_load(words, authority.ESTOPS), atomic_load(words, authority.REVOKED)
     if params.clear != state.cleared:
@@ -151,15 +151,15 @@ def step_mode(servo: Any, shared: Any, words: Any) -> None:
         raise_fault(servo, shared, faults.ESTOP, 0.0, 0.0)
     if params.fault != 0 and state.mode == RUNNING and params.ordinal > revoked:
         raise_fault(servo, shared, params.fault, params.fault_value, params.fault_limit)
-    # With the amplifier off there is nothing to watch over; in virtual time there is no supervisor.
+    # With the amplifier off nothing can happen; in virtual time there is no supervisor.
     if servo.real_time and params.heartbeat_ns > 0.0 and state.mode != OFF:
         silence = now_ns - atomic_load(shared, atomics.HEARTBEAT_NS)
         if silence > params.heartbeat_ns:
             raise_fault(servo, shared, faults.HEARTBEAT_LOST, silence * 1e-6, params.heartbeat_ns * 1e-6)
-    # The device's own words, from the last good exchange.
+    # The status bits of the device, from the last good exchange.
     enabled, held = (servo.exchange.status & STATUS_ENABLED) != 0, (servo.exchange.status & STATUS_HELD) != 0
     if params.enable and not held and shared[atomics.HELD] != 0:
-        # To every command sent before, a release is a stop: none that waits may move the motor once it is held again.
+        # A release acts like a stop: it revokes every command sent before, so that none moves the motor when held again.
         atomic_max(words, authority.REVOKED, now_ns)
     atomic_store(shared, atomics.HELD, 1 if held else 0)
     if state.mode == FAULT:

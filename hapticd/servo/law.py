@@ -1,11 +1,11 @@
-"""The law of the rendered spring, and how one passes into the next.
+"""The law of the rendered spring, and the transition from one to the next.
 
     F_V = −K Δ (⌊x/Δ⌋ + ½) − B v,   ⌊x/Δ⌋ = ⌊(raw − origin) / N⌋                (eq. 2)
     F   = s F_V + (1 − s) F_held,   s from 0 to 1 over `safety.soft_start_s`
 
-with Δ = N raw counts and v as `hapticd.servo.damping` estimates it. The floor of the raw encoder nests,
-⌊⌊x/δ⌋/N⌋ = ⌊x/(N δ)⌋, so decimation is exact, also below zero. F_held is 0 where running begins, and the spring before where
-it is another one since: `docs/decisions/0071-soft-start.md`.
+with Δ = N raw counts and v estimated by `hapticd.servo.damping`. The floor functions of encoder and decimation combine,
+⌊⌊x/δ⌋/N⌋ = ⌊x/(N δ)⌋, so decimation is exact, also below zero. F_held is 0 when running begins, and the previous spring
+after a change: `docs/decisions/0071-soft-start.md`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hapticd.servo.layout import DITHER_POSITION, NEGATIVE_SIDE, NO_RAMP, POSITI
 
 @njit(inline=True, counted=False)
 def coarse_ticks(relative: int, decimation: int) -> int:
-    """⌊relative / N⌋, towards minus infinity for negative counts too."""
+    """⌊relative / N⌋, rounded towards minus infinity also for negative counts."""
     return relative // decimation
 
 
@@ -28,7 +28,7 @@ def coarse_ticks(relative: int, decimation: int) -> int:
 def spring(params: Any, law: Any, relative: int, dither_value: float, velocity: float) -> float:
     """Force of a virtual spring and its damping, N m or N; ``law`` is `PARAMS` or a `LAW`.
 
-    A wall (``side``) ends where it would pull: damping alone never holds the shaft back on its way out.
+    A wall (``side``) never pulls: damping does not hold the shaft back when it leaves the wall.
     """
     if params.dither_target == DITHER_POSITION:
         quantised = np.floor(relative / law.decimation + dither_value)
@@ -44,16 +44,16 @@ def spring(params: Any, law: Any, relative: int, dither_value: float, velocity: 
 
 @njit(inline=True, counted=False)
 def within(force: float, largest: float) -> float:
-    """A force (N m or N) that is clamped to ± the largest."""
+    """A force (N m or N) clamped to ± the largest."""
     return max(-largest, min(largest, force))
 
 
 @njit(counted=False)
 def soften(servo: Any, force: float, shift: int, dither_value: float, velocity: float) -> float:
-    """The force between the spring before and the one in force, N m or N: s F_new + (1 − s) F_held.
+    """The force in the transition from the previous to the present spring, N m or N: s F_new + (1 − s) F_held.
 
-    F_held follows the shaft as the spring before does, so that one that swings finds a spring all the time, and not a
-    constant push. Both are taken as the amplifier would give them: s is then a share of the current, too.
+    F_held follows the shaft like the previous spring, so that an oscillating shaft always has a spring and not a constant
+    force. Both are limited as by the amplifier, so that s is also a share of the current.
     """
     params, state = servo.params, servo.state
     law = servo.held_law
@@ -62,7 +62,7 @@ def soften(servo: Any, force: float, shift: int, dither_value: float, velocity: 
     before = spring(params, law, state.counts - law.origin - shift, dither_value, velocity)
     held = within(within(before, largest) + state.held_offset, largest)
     state.softened = state.held_share * (held - new)
-    # Down to a share of 0 and one tick with it: a change that comes right after the last step goes on from there.
+    # Includes one tick with a share of 0, so that a change right after the last step continues from there.
     if state.held_share > 0.0:
         state.held_share = max(state.held_share - params.soft_step * (1 + servo.tick.missed), 0.0)
     else:
@@ -72,7 +72,7 @@ def soften(servo: Any, force: float, shift: int, dither_value: float, velocity: 
 
 @njit(inline=True, counted=False)
 def begin_softly(servo: Any) -> None:
-    """Running begins: the spring before is none."""
+    """Begin the transition at the start of running: there is no previous spring."""
     params, state, law = servo.params, servo.state, servo.held_law
     law.force_per_tick = 0.0
     law.damping = 0.0
@@ -84,7 +84,7 @@ def begin_softly(servo: Any) -> None:
 
 @njit(inline=True, counted=False)
 def renew_law(servo: Any) -> None:
-    """New parameters are in force: where the spring is another one, what was rendered until now fades."""
+    """Begin the transition after new parameters, if they change the spring: the previous force fades."""
     params, state, law = servo.params, servo.state, servo.law
     changed = (
         law.force_per_tick != params.force_per_tick

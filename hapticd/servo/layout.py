@@ -1,7 +1,7 @@
 """The servo loop's memory as records: one `SERVO`, passed by reference through everything that a tick calls.
 
-A field's comment gives its unit and what it means. `PARAMS` come through the mailbox, `STATE` is the loop's own, `TICK` is
-what it knows of the tick at hand, `SNAPSHOT` is for people. What two threads watch is in `hapticd.servo.atomics`.
+A field's comment gives its meaning and unit. `PARAMS` come through the mailbox, `STATE` is the loop's memory, `TICK` is
+for the present tick, `SNAPSHOT` is for display. Words shared by two threads are in `hapticd.servo.atomics`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 from drivers.interface import EXCHANGE
 from hapticd.servo.timing import BUCKETS
 
-# Modes of the loop: what users know as its state.
+# Modes of the loop, shown to users as its state.
 OFF = 0
 READY = 1
 RUNNING = 2
@@ -33,25 +33,25 @@ PASSIVITY_MODES = {"off": PASSIVITY_OFF, "observe": PASSIVITY_OBSERVE, "control"
 PARAMS = np.dtype(
     [
         ("period_ns", "f8"),  # ns
-        ("request", "i8"),  # mode that the supervisor wants: OFF, READY or RUNNING
-        ("ordinal", "i8"),  # of the command that wants it; OFF once it is revoked (`hapticd.servo.authority`)
-        ("clear", "i8"),  # ordinal of the newest clear: a fault that was raised before it came is cleared
+        ("request", "i8"),  # mode requested by the supervisor: OFF, READY or RUNNING
+        ("ordinal", "i8"),  # of the command that requests it; OFF once it is revoked (`hapticd.servo.authority`)
+        ("clear", "i8"),  # ordinal of the newest clear: it clears faults raised before it was sent
         ("force_per_tick", "f8"),  # K Δ, N m or N
         ("bias", "f8"),  # ½ or 0, ticks
-        ("damping", "f8"),  # B a count, N m or N for one count/s
+        ("damping", "f8"),  # B per count, N m or N for one count/s
         ("velocity_periods", "i8"),  # over which positions are differenced
-        ("velocity_keep", "f8"),  # fraction of the velocity estimate that a period leaves; 0 for the plain difference
+        ("velocity_keep", "f8"),  # decay of the velocity estimate per period; 0 for the plain difference
         ("passivity", "i8"),  # PASSIVITY_OFF, PASSIVITY_OBSERVE, PASSIVITY_CONTROL
         (
             "passivity_stiffest",
             "f8",
-        ),  # α T: largest damping force of its controller for the way of a period, N m/rad or N/m
+        ),  # α T: largest damping force of its controller per displacement in a period, N m/rad or N/m
         ("side", "i8"),  # on which the spring acts: BOTH_SIDES, POSITIVE_SIDE, NEGATIVE_SIDE
         ("origin", "i8"),  # of the spring, counts
-        ("decimation", "i8"),  # counts in a coarse tick
+        ("decimation", "i8"),  # counts per coarse tick
         ("invert", "?"),  # the encoder counts backwards
         ("torque_constant", "f8"),  # N m/A or N/A
-        ("raw_resolution", "f8"),  # rad or m a count
+        ("raw_resolution", "f8"),  # rad or m per count
         ("dither_target", "i8"),  # DITHER_NONE, DITHER_POSITION, DITHER_CURRENT
         ("dither_waveform", "i8"),  # SINE, TRIANGLE, SQUARE, UNIFORM
         ("dither_amplitude", "f8"),  # peak; ticks or A
@@ -66,25 +66,25 @@ PARAMS = np.dtype(
         ("safety", "?"),  # False: no trips (simulate)
         ("max_speed", "f8"),  # counts/s; infinite for none, as all limits
         ("max_excursion", "f8"),  # counts from the origin
-        ("encoder_jump", "f8"),  # counts a period
+        ("encoder_jump", "f8"),  # counts per period
         ("missed_exchanges", "f8"),  # in a row
-        ("soft_step", "f8"),  # part of a soft start or change that a period is; 0 for none
-        ("fault", "i8"),  # to be in, if it renders; 0 for none
+        ("soft_step", "f8"),  # step of a soft start or change per period, as a fraction of it; 0 for none
+        ("fault", "i8"),  # fault to raise, if it renders; 0 for none
         ("fault_value", "f8"),
         ("fault_limit", "f8"),
-        ("abrupt", "?"),  # running begins without one: a release, an excitation
-        ("mismatch", "f8"),  # A between the current measured and the one commanded; infinite for none
+        ("abrupt", "?"),  # running begins without a soft start: a release, an excitation
+        ("mismatch", "f8"),  # limit of the difference of measured and commanded current, A; infinite for none
         ("mismatch_ticks", "i8"),  # samples in a row for which it may last
-        ("mismatch_block", "i8"),  # periods of commands, and of as many before them, that a sample may be of
-        ("current_limit", "f8"),  # A that the amplifier gives at most, whatever is commanded; infinite for none
-        ("follow_ii", "f8"),  # what a period leaves of the amplifier's distance from its command, A:
-        ("follow_ir", "f8"),  # of the distance itself, and of its rate over ω_A
-        ("follow_ri", "f8"),  # and the same
-        ("follow_rr", "f8"),  # of the rate over ω_A
+        ("mismatch_block", "i8"),  # length of a block of commands, periods; a sample may belong to the last two
+        ("current_limit", "f8"),  # largest current of the amplifier, A; infinite for none
+        ("follow_ii", "f8"),  # transition of the amplifier's model over a period: of its difference from the command
+        ("follow_ir", "f8"),  # by the difference, and by its rate over ω_A
+        ("follow_ri", "f8"),  # and of the rate over ω_A by the difference
+        ("follow_rr", "f8"),  # and by the rate
         ("overrun_policy", "i8"),  # SKIP, HOLD, FAULT_ON_OVERRUN
-        ("overrun_fault_after", "f8"),  # periods missed, less ticks in time
+        ("overrun_fault_after", "f8"),  # limit of missed periods minus punctual ticks
         ("enable", "?"),  # a person must hold the device's enable input
-        ("heartbeat_ns", "f8"),  # longest silence of the supervisor, ns; 0 for any
+        ("heartbeat_ns", "f8"),  # longest time without a heartbeat of the supervisor, ns; 0 for no limit
         ("enable_timeout_ns", "f8"),  # ns
         ("excitation_id", "i8"),  # a new one, not 0, starts the table in the excitation buffer
         ("excitation_length", "i8"),  # ticks
@@ -104,7 +104,7 @@ LAW = np.dtype(
     ],
     align=True,
 )
-"""What of the parameters makes the rendered spring; a change of it while it is rendered is a soft one."""
+"""The parameters of the rendered spring; a change of them while it is rendered is a soft change."""
 
 NO_RAMP = -1.0
 """`STATE.held_share` where no spring fades."""
@@ -117,96 +117,96 @@ STATE = np.dtype(
         ("amplifier", "i8"),  # as last commanded: DISABLED, ENABLED_AT_ZERO, ENABLED_WITH_CURRENT
         ("next_tick", "i8"),
         ("replayed_skip", "i8"),  # in virtual time: periods to skip before the next tick, as a recorded loop did
-        ("replayed_late_ns", "i8"),  # and how late it is to wake
-        ("grid_tick", "i8"),  # tick at which the present time grid starts
+        ("replayed_late_ns", "i8"),  # and its lateness
+        ("grid_tick", "i8"),  # first tick of the present time grid
         ("grid_ns", "i8"),  # and its instant, ns
         ("grid_frac", "f8"),  # and the fraction of a ns
-        ("sync_ns", "i8"),  # when the device's clock was heard last, ns; 0: never
-        ("synced", "?"),  # the grid is that of the device's clock
+        ("sync_ns", "i8"),  # time of the device's last SYNC, ns; 0: never
+        ("synced", "?"),  # whether the grid follows the device's clock
         ("start_ns", "i8"),  # origin of time_s, ns
         ("applied", "i8"),  # number of the parameter set in force
-        ("cleared", "i8"),  # last PARAMS.clear that was looked at
-        ("estops", "i8"),  # software stops that were obeyed
-        ("enable_ns", "i8"),  # when the amplifier was asked to switch on, ns
+        ("cleared", "i8"),  # last PARAMS.clear that was processed
+        ("estops", "i8"),  # executed software stops
+        ("enable_ns", "i8"),  # time at which the amplifier was commanded to switch on, ns
         ("have_counts", "?"),  # whether there is a sample since running began
         ("counts", "i8"),  # of the last good sample
         ("counts_ns", "i8"),  # and when it came, ns
         ("speed", "f8"),  # counts/s
-        ("velocity", "f8"),  # of the coarse position as the damping knows it, counts/s
-        ("velocity_tick", "i8"),  # for which it was estimated
+        ("velocity", "f8"),  # of the coarse position, as the damping estimates it, counts/s
+        ("velocity_tick", "i8"),  # tick of that estimate
         ("velocity_period_ns", "f8"),  # servo period since its history began, ns
         ("velocity_samples", "i8"),  # put into its history
-        ("observes", "?"),  # whether the passivity observer knows where the period at hand began
+        ("observes", "?"),  # whether the passivity observer has the state at the start of the present period
         ("observed_tick", "i8"),  # the tick before it
         ("observed_counts", "i8"),  # the counts there
         ("observed_potential", "f8"),  # and the spring's potential, J,
         ("observed_set", "i8"),  # by this parameter set
         ("moved", "f8"),  # in that period, rad or m
         ("put_out", "f8"),  # work of the current sent, J
-        ("generated", "f8"),  # of it what the spring had not stored, J
-        ("excess", "f8"),  # of that what has to be dissipated again, J
+        ("generated", "f8"),  # the part of it that the spring had not stored, J
+        ("excess", "f8"),  # the part of that still to be dissipated, J
         ("dissipated", "f8"),  # by the controller, J
         ("passivity_current", "f8"),  # that the controller added, A
         ("missed_in_a_row", "i8"),  # exchanges
-        ("late_periods", "i8"),  # missed, less ticks in time since; at least 0
+        ("late_periods", "i8"),  # missed, minus punctual ticks since then; at least 0
         ("i2t", "f8"),  # A² s above the continuous current
         ("force", "f8"),  # of the last rendered tick, N m or N
         ("requested", "f8"),  # current of the last rendered tick, before T_V and the converter, A
         ("current", "f8"),  # last one written, A
-        ("seed", "i8"),  # that the random numbers began with
-        ("random", "i8"),  # their state
+        ("seed", "i8"),  # of the random numbers
+        ("random", "i8"),  # state of the random numbers
         ("dither_phase", "f8"),  # turns
         ("excitation_id", "i8"),  # of the table that is played
         ("excitation_start", "i8"),  # tick
         ("delayed_head", "i8"),  # commands put into T_V
         ("delayed_tail", "i8"),  # commands taken out
-        ("held_share", "f8"),  # of the spring before in what is rendered, from 1 to 0; NO_RAMP: nothing changed lately
-        ("held_offset", "f8"),  # force beside the spring before, with which it is what was rendered last, N m or N
-        ("softened", "f8"),  # force rendered less that of the spring in force, N m or N
+        ("held_share", "f8"),  # of the previous spring in the force, from 1 to 0; NO_RAMP: no soft change
+        ("held_offset", "f8"),  # last rendered force minus that of the previous spring, N m or N
+        ("softened", "f8"),  # rendered force minus that of the present spring, N m or N
         ("followed", "f8"),  # current of the amplifier's model, A
         ("follow_rate", "f8"),  # and its rate over ω_A, A
-        ("current_low", "f8"),  # least current that it may have had in this block of periods, A
-        ("current_high", "f8"),  # and largest
-        ("block_low", "f8"),  # in the block before
+        ("current_low", "f8"),  # smallest possible current in this block of periods, A
+        ("current_high", "f8"),  # largest possible current in it, A
+        ("block_low", "f8"),  # the same in the previous block
         ("block_high", "f8"),
         ("block_ticks", "i8"),  # of this block so far
-        ("mismatched", "i8"),  # samples in a row that are none of these
-        ("dropped", "i8"),  # rows that had found no room when the last row was recorded
+        ("mismatched", "i8"),  # samples in a row outside that range
+        ("dropped", "i8"),  # dropped rows when the last row was recorded
     ],
     align=True,
 )
-"""What the loop keeps from tick to tick."""
+"""State of the loop from tick to tick."""
 
 TICK = np.dtype(
     [
         ("number", "i8"),
         ("ns", "i8"),  # grid instant, ns
         ("frac", "f8"),  # and the fraction of a ns
-        ("woke_ns", "i8"),  # when it began; in virtual time the grid instant, or that of the tick which is replayed
+        ("woke_ns", "i8"),  # start of the tick; in virtual time the grid instant, or that of a replayed tick
         ("late_ns", "i8"),  # after the grid instant
         ("missed", "i8"),  # periods that were skipped before it
-        ("fresh", "?"),  # whether the device gave a sample
+        ("fresh", "?"),  # whether there is a new sample of the device
         ("relative", "i8"),  # counts from the origin
         ("position", "i8"),  # coarse ticks from the origin
         ("force", "f8"),  # rendered, N m or N
         ("written", "i8"),  # the driver's return code for the last write
-        ("waited_ns", "i8"),  # slept for commands inside T_V
+        ("waited_ns", "i8"),  # sleep until delayed commands (T_V)
         ("flags", "i8"),  # FLAG_* bits of its row
     ],
     align=True,
 )
-"""What is known of the tick at hand."""
+"""Values of the present tick."""
 
 SNAPSHOT = np.dtype(
     [
         ("position", "f8"),  # coarse ticks from the origin, with fraction
         ("velocity", "f8"),  # rad/s or m/s
         ("current", "f8"),  # commanded, A
-        ("current_measured", "f8"),  # A; not a number where the device has none
+        ("current_measured", "f8"),  # A; NaN if the device has none
         ("force", "f8"),  # N m or N
         ("put_out", "f8"),  # passivity observer, J: work of the current sent,
-        ("generated", "f8"),  # of it what the spring had not stored,
-        ("excess", "f8"),  # of that what is still to be dissipated,
+        ("generated", "f8"),  # the part of it that the spring had not stored,
+        ("excess", "f8"),  # the part of that still to be dissipated,
         ("dissipated", "f8"),  # by the passivity controller
         ("passivity_current", "f8"),  # that it adds, A
     ],
@@ -218,8 +218,8 @@ DRIVER = np.dtype(
     [
         ("read", "i8"),  # address of the function
         ("write", "i8"),  # address of the function
-        ("wait", "i8"),  # address of the function that sleeps until the device's clock; 0: the loop keeps its own time
-        ("state", "i8"),  # address that all of them get
+        ("wait", "i8"),  # address of the function that sleeps until the device's SYNC; 0: the loop has its own clock
+        ("state", "i8"),  # address that is passed to all of them
         ("exchange", "i8"),  # address of SERVO.exchange
     ],
     align=True,
@@ -237,13 +237,13 @@ COMMAND = np.dtype(
 """A command that waits inside T_V."""
 
 MOST_DELAYED = 32768
-"""Commands that can wait inside T_V; a power of two. One second at 20 kHz fits."""
+"""Largest number of commands delayed by T_V; a power of two: at least one second at 20 kHz."""
 
 SAMPLE = np.dtype([("counts", "i8"), ("tick", "i8")], align=True)
-"""A position that the damping remembers: counts, and the tick in which they were read."""
+"""A position in the history of the damping: counts, and the tick in which they were read."""
 
 MOST_SAMPLES = 1024
-"""Samples remembered; a power of two above `MOST_VELOCITY_PERIODS`."""
+"""Length of that history; a power of two above `MOST_VELOCITY_PERIODS`."""
 
 SERVO = np.dtype(
     [
@@ -257,7 +257,7 @@ SERVO = np.dtype(
         ("exchange", EXCHANGE),
         ("driver", DRIVER),
         ("timespec", ("i8", 2)),  # scratch of the clock
-        ("mailbox", (PARAMS, 3)),  # two sets, written by turns, and what the loop has copied of one of them
+        ("mailbox", (PARAMS, 3)),  # two sets, written alternately, and the loop's copy of one of them
         ("late_histogram", ("i8", BUCKETS)),  # ns, see `hapticd.servo.timing`
         ("exec_histogram", ("i8", BUCKETS)),  # ns
         ("delayed", (COMMAND, MOST_DELAYED)),

@@ -1,8 +1,8 @@
 """The servo loop: one compiled function, two clocks.
 
 Each tick: wake, **read** the driver, decimate, dither, spring (eq. 2), excitation, safety gate, delay T_V, DAC grid,
-**write in the same tick**, record. With the monotonic clock it is the daemon's real-time thread; in virtual time the very
-same code is ``simulate``. It runs no Python, takes no lock and allocates nothing; see ``docs/code-overview.md``.
+**write in the same tick**, record. With the monotonic clock it is the daemon's real-time thread; in virtual time the
+same machine code is ``simulate``. It runs no Python, takes no lock and allocates nothing; see ``docs/code-overview.md``.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _TABLE = numba.types.Array(numba.float64, 2, "C")
 
 @njit(inline=True, counted=False)
 def wake(servo: Any, shared: Any) -> None:
-    """Sleep to the next grid instant. A missed period is skipped on the grid, counted, never caught up."""
+    """Sleep until the next grid instant. Missed periods are skipped and counted, never caught up."""
     state, tick, period_ns = servo.state, servo.tick, servo.params.period_ns
     tick.number = state.next_tick
     steps = tick.number - state.grid_tick
@@ -79,7 +79,7 @@ def wake(servo: Any, shared: Any) -> None:
 
 @njit(inline=True, counted=False)
 def take_parameters(servo: Any, shared: Any) -> bool:
-    """Copy the newest parameter set if there is one; a torn read keeps the old set and is tried again next tick."""
+    """Copy the newest parameter set if there is one; if it changes during the copy, repeat in the next tick."""
     sequence = atomic_load(shared, atomics.SEQUENCE)
     if sequence == servo.state.applied:
         return False
@@ -95,7 +95,7 @@ def take_parameters(servo: Any, shared: Any) -> bool:
 
 @njit(inline=True, counted=False)
 def begin_grid(servo: Any) -> None:
-    """Start a new time grid at this tick, so that a change of the rate moves no sample in time."""
+    """Start a new time grid at this tick, so that a change of the rate does not shift it."""
     state, tick = servo.state, servo.tick
     state.grid_tick = tick.number
     state.grid_ns = tick.ns
@@ -104,7 +104,7 @@ def begin_grid(servo: Any) -> None:
 
 @njit(inline=True, counted=False)
 def count_miss(servo: Any, shared: Any) -> None:
-    """Count an exchange that failed, in all and in a row."""
+    """Count a failed exchange, in total and in a row."""
     servo.tick.flags |= FLAG_MISSED_EXCHANGE
     servo.state.missed_in_a_row += 1
     shared[atomics.MISSED_EXCHANGES] += 1
@@ -112,7 +112,7 @@ def count_miss(servo: Any, shared: Any) -> None:
 
 @njit(inline=True, counted=False)
 def read(servo: Any, shared: Any) -> None:
-    """Ask the driver for a sample."""
+    """Read a sample from the driver."""
     exchange, driver, tick = servo.exchange, servo.driver, servo.tick
     exchange.tick = tick.number
     exchange.period_ns = servo.params.period_ns
@@ -123,7 +123,7 @@ def read(servo: Any, shared: Any) -> None:
     tick.fresh = result == 0
     tick.flags = FLAG_MISSED_PERIOD if tick.missed > 0 else 0
     if not tick.fresh:
-        # At once, so that the one miss too many means zero current in this tick and not in the next.
+        # Counted here, so that the last allowed miss gives zero current in this tick and not in the next.
         count_miss(servo, shared)
 
 
@@ -136,7 +136,7 @@ def locate(servo: Any) -> None:
 
 @njit(inline=True, counted=False)
 def end_exchange(servo: Any, shared: Any) -> None:
-    """Count a write that failed after a read that did not; a tick counts once."""
+    """Count a failed write after a good read; each tick counts once."""
     if not servo.tick.fresh:
         return
     if servo.tick.written == 0:
@@ -147,7 +147,7 @@ def end_exchange(servo: Any, shared: Any) -> None:
 
 @njit(inline=True, counted=False)
 def account(servo: Any, shared: Any) -> int:
-    """How long this tick ran, ns, without what it slept."""
+    """Execution time of this tick without its sleep, ns."""
     if not servo.real_time:
         return 0
     spent_ns = now_ns(servo.timespec) - servo.tick.woke_ns - servo.tick.waited_ns
@@ -158,7 +158,7 @@ def account(servo: Any, shared: Any) -> int:
 
 @njit(inline=True, counted=False)
 def show(servo: Any, shared: Any) -> None:
-    """What people are shown."""
+    """Write the snapshot for display."""
     snapshot, state = servo.snapshot, servo.state
     snapshot.position = servo.tick.relative / servo.params.decimation
     snapshot.velocity = state.speed * servo.params.raw_resolution
@@ -172,7 +172,7 @@ def show(servo: Any, shared: Any) -> None:
 
 @njit(inline=True, counted=False)
 def record(servo: Any, shared: Any, ring: Any, truth: Any, spent_ns: int) -> None:
-    """One row into the ring, or one more that found no room."""
+    """Write one row into the ring, or count it as dropped."""
     state, tick = servo.state, servo.tick
     head = shared[atomics.RING_HEAD]
     mask = len(ring) - 1
@@ -201,23 +201,23 @@ def record(servo: Any, shared: Any, ring: Any, truth: Any, spent_ns: int) -> Non
 
 @njit(inline=True, counted=False)
 def tell(words: Any, mode: int) -> None:
-    """Let whoever waits for a stop see that a tick is done, and in which mode."""
+    """Publish the number of ticks and the mode, for the stop channel."""
     atomic_store(words, authority.LOOP_MODE, mode)
     atomic_store(words, authority.LOOP_TICKS, words[authority.LOOP_TICKS] + 1)
 
 
 @njit(numba.int64(_SERVO, _SHARED, _SHARED, _ROWS, _TABLE, _TABLE, numba.int64), counted=False)
 def run(servo: Any, shared: Any, words: Any, ring: Any, truth: Any, excitation: Any, ticks: int) -> int:
-    """Run ``ticks`` ticks (real time: until it is told to stop) and return one of the RETURN_* reasons.
+    """Run ``ticks`` ticks (real time: until `STOP` is set) and return one of the RETURN_* reasons.
 
     Args:
-        servo: a `SERVO` record: parameters, memory, driver, clock; kept between calls in virtual time.
-        shared: the atomics that other threads watch or write (`hapticd.servo.atomics`).
-        words: who may set the motor in motion (`hapticd.servo.authority`).
+        servo: a `SERVO` record: parameters, memory, driver, clock; in virtual time reused by the next call.
+        shared: the atomics that other threads read or write (`hapticd.servo.atomics`).
+        words: of the authority (`hapticd.servo.authority`).
         ring: rows; a power of two.
         truth: (rows of ring, 2) true state for ``simulate``, or (0, 2).
         excitation: (2, n) current in A and displacement of the origin in raw counts.
-        ticks: how many, in virtual time.
+        ticks: number, in virtual time.
     """
     state, tick = servo.state, servo.tick
     done = 0
@@ -228,7 +228,7 @@ def run(servo: Any, shared: Any, words: Any, ring: Any, truth: Any, excitation: 
             leave(servo)
             tell(words, FAULT if state.mode == FAULT else OFF)
             return RETURN_STOPPED
-        # After the stop, so that ticks done and missed add up to the tick number also at the end.
+        # After the stop, so that done plus missed ticks equal the tick number also at the end.
         shared[atomics.MISSED_PERIODS] += tick.missed
         if take_parameters(servo, shared):
             begin_grid(servo)
@@ -240,7 +240,7 @@ def run(servo: Any, shared: Any, words: Any, ring: Any, truth: Any, excitation: 
         if tick.fresh:
             take_counts(servo, shared)
         check_load(servo, shared)
-        # Where the device measures none it is not a number, and this costs nothing.
+        # NaN if the device measures none.
         if servo.exchange.current_measured == servo.exchange.current_measured and servo.params.mismatch < np.inf:
             follow_current(servo, shared)
         locate(servo)
@@ -251,13 +251,13 @@ def run(servo: Any, shared: Any, words: Any, ring: Any, truth: Any, excitation: 
             tick.flags |= FLAG_RUNNING
             render(servo, shared, excitation)
         tick.force = state.force if state.mode == RUNNING else 0.0
-        # The mode may be another one by now: a command that is not finite is a fault.
+        # The mode may have changed: a command that is not finite is a fault.
         tick.written = write_current(servo) if state.mode == RUNNING else write_zero(servo)
         check_exchange(servo, shared, tick.written)
         if state.mode == FAULT:
             tick.flags = (tick.flags | FLAG_FAULT) & ~FLAG_RUNNING
             if state.current != 0.0:
-                # The write itself failed: try zero again at once, before anything else happens.
+                # The write failed: write zero at once, before anything else.
                 write_zero(servo)
         end_exchange(servo, shared)
 

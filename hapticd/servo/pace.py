@@ -1,4 +1,4 @@
-"""Does the loop keep up? One rule for the daemon's status and for ``hapticd latency``."""
+"""Whether the loop meets its rate: one rule for the daemon's status and for ``hapticd latency``."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any, Final
 from hapticd.config.text import significant
 
 MARGIN: Final = 0.5
-"""Fraction of a period that lateness and execution may take together at p99.9 in a rate that is recommended."""
+"""Largest fraction of a period for lateness plus execution at p99.9, for a recommended rate."""
 
 
 def used_fraction(timing: Mapping[str, Any], rate_hz: float) -> float | None:
-    """Fraction of a period taken by lateness and execution at p99.9; None where nothing was counted.
+    """Fraction of a period for lateness plus execution at p99.9; None if nothing was counted.
 
     Args:
         timing: with ``wake_us`` and ``exec_us``. rate_hz: the servo rate.
@@ -22,7 +22,7 @@ def used_fraction(timing: Mapping[str, Any], rate_hz: float) -> float | None:
 
 
 def verdict(timing: Mapping[str, Any], rate_hz: float) -> str:
-    """Whether the loop keeps up, in words.
+    """Whether the loop meets its rate, in words.
 
     Args:
         timing: as for `used_fraction`, with ``missed`` and ``exchanges_missed``. rate_hz: the servo rate.

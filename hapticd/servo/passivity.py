@@ -1,7 +1,7 @@
 """The passivity observer and controller in the loop (`safety.passivity`); equations: `hapticd.stability.passivity`.
 
-The observer books the last written current and the raw counts at every tick in which the spring is rendered. While an
-excitation plays, observer and controller rest: the energy that it puts in is wanted.
+The observer adds up the energy from the last written current and the raw counts in every tick with a rendered spring. While
+an excitation plays, observer and controller are off, because its energy is intended.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hapticd.stability.passivity import dissipating_force, spring_potential
 
 @njit(inline=True, counted=False)
 def forget_energy(servo: Any) -> None:
-    """Begin to count energies anew."""
+    """Reset the energies."""
     state = servo.state
     state.observes = False
     state.moved = 0.0
@@ -37,7 +37,7 @@ def potential(params: Any, counts: int) -> float:
 
 @njit(inline=True, counted=False)
 def observe(servo: Any) -> None:
-    """Book the period that ends with this tick."""
+    """Add the energies of the period that ends with this tick."""
     params, state, tick = servo.params, servo.state, servo.tick
     stored = potential(params, state.counts)
     if state.observes and state.observed_tick == tick.number - tick.missed - 1:
@@ -61,7 +61,7 @@ def observe(servo: Any) -> None:
 
 @njit(inline=True, counted=False)
 def control(servo: Any, current: float, limit: float) -> float:
-    """Add the current that dissipates the excess to the rendered one, within the limit, A."""
+    """The rendered current plus the one that dissipates the excess, within the limit, A."""
     params, state = servo.params, servo.state
     excited = (servo.tick.flags & FLAG_EXCITATION) != 0
     known = state.observes and not excited
@@ -77,7 +77,7 @@ def control(servo: Any, current: float, limit: float) -> float:
 
 @njit(inline=True, counted=False)
 def show_energy(servo: Any) -> None:
-    """Energies for people."""
+    """Write the energies into the snapshot."""
     snapshot, state = servo.snapshot, servo.state
     snapshot.put_out = state.put_out
     snapshot.generated = state.generated

@@ -1,7 +1,7 @@
-"""Asking Linux for real time: what was granted, what was not, and the command that would grant it.
+"""Requests to Linux for real time: what was granted, what was refused, and how to permit it.
 
-Only the servo thread gets SCHED_FIFO and its CPU; memory is locked for the whole process, and the CPU is kept out of deep
-idle states. A refusal is reported once and is an error only when ``servo.require_realtime`` is set.
+Only the servo thread gets SCHED_FIFO and its CPU; memory is locked for the whole process, and deep idle states of the CPU
+are disabled. A refusal is reported once; it is an error only if ``servo.require_realtime`` is set.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(frozen=True)
 class Grant:
-    """One thing that was asked of the kernel."""
+    """One request to the kernel."""
 
     name: str
     granted: bool
@@ -35,14 +35,14 @@ class Grant:
 
 
 class RealtimeError(Exception):
-    """``servo.require_realtime`` is set and the machine refused; the text names each refusal and its repair."""
+    """``servo.require_realtime`` is set and a request was refused; the message names each refusal and its remedy."""
 
 
 def lock_memory() -> Grant:
-    """``mlockall``, only when the limit allows all of it: a partial lock makes later mallocs fail.
+    """``mlockall``, only if the limit allows all of it: with a partial lock later mallocs fail.
 
-    Pages are locked when they are first touched: the loop's own are by its warm-up, and libraries that reserve address
-    space by the gigabyte (Arrow's allocator does) cost neither memory nor seconds.
+    Pages are locked at their first access: those of the loop in its warm-up. Libraries that reserve gigabytes of address
+    space (Arrow's allocator) then cost neither memory nor time.
     """
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     fix = (
@@ -62,7 +62,7 @@ def unlock_memory() -> None:
 
 
 def set_scheduler(priority: int) -> Grant:
-    """SCHED_FIFO for the calling thread alone."""
+    """SCHED_FIFO for the calling thread only."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
@@ -75,7 +75,7 @@ def set_scheduler(priority: int) -> Grant:
 
 
 def set_affinity(cpu: int | None) -> Grant | None:
-    """Bind the calling thread to one CPU, when one is configured."""
+    """Bind the calling thread to one CPU, if one is configured."""
     if cpu is None:
         return None
     try:
@@ -87,19 +87,19 @@ def set_affinity(cpu: int | None) -> Grant | None:
 
 
 def name_thread(name: str) -> None:
-    """Name of the calling thread as ``top -H`` shows it, and the smallest timer slack for ordinary threads."""
+    """Name the calling thread, for ``top -H``, and set the smallest timer slack for ordinary threads."""
     _libc.prctl(_PR_SET_NAME, ctypes.c_char_p(name.encode()[:15]), 0, 0, 0)
     _libc.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
 
 
 def block_signals() -> None:
-    """Block all signals in the calling thread except those that its own code raises, which end the process."""
+    """Block all signals in the calling thread except those of its own errors, which end the process."""
     own = {signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL}
     signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals() - own)
 
 
 class CpuLatencyRequest:
-    """Holds ``/dev/cpu_dma_latency`` at 0 µs for as long as it is open."""
+    """Holds ``/dev/cpu_dma_latency`` at 0 µs while it is open."""
 
     def __init__(self) -> None:
         self._descriptor: int | None = None
@@ -119,7 +119,7 @@ class CpuLatencyRequest:
         return Grant("idle states", True, f"{_DMA_LATENCY} held at 0 µs")
 
     def release(self) -> None:
-        """Let the CPU sleep again."""
+        """Allow deep idle states again."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None

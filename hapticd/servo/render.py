@@ -1,4 +1,4 @@
-"""What one tick computes: dither, the force of the spring (`hapticd.servo.law`), excitation, the current for both."""
+"""Computation of one tick: dither, force of the spring (`hapticd.servo.law`), excitation, and their current."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from hapticd.servo.passivity import control, observe
 
 @njit(inline=True, counted=False)
 def dither(servo: Any, periods: int) -> float:
-    """The dither of this tick, in the unit of its target; the phase moves on by ``periods`` servo periods."""
+    """The dither of this tick, in the unit of its target; the phase advances by ``periods`` servo periods."""
     params, state = servo.params, servo.state
     if params.dither_target == DITHER_NONE:
         return 0.0
@@ -45,7 +45,7 @@ def dither(servo: Any, periods: int) -> float:
 
 @njit(inline=True, counted=False)
 def excite(servo: Any, shared: Any, excitation: Any) -> tuple[float, int]:
-    """What the excitation adds in this tick: current (A) and displacement of the spring's origin (counts)."""
+    """The excitation of this tick: current (A) and displacement of the spring's origin (counts)."""
     params, state, tick = servo.params, servo.state, servo.tick
     if state.excitation_id != params.excitation_id:
         state.excitation_id = params.excitation_id

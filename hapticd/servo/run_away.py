@@ -1,4 +1,4 @@
-"""What a run-away looks like whose sign is wrong: the shaft only ever goes away from the origin, against the current."""
+"""Detection of a run-away by a wrong sign: the shaft only moves away from the origin, against the current."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hapticd.record.schema import FLAG_RUNNING
 from hapticd.servo import faults
 
 SUSPECT: Final = (
-    "from the first tick on the shaft only went away from the origin, ever faster, while the current was to bring it back: "
+    "from the first tick on the shaft moved away from the origin, ever faster, although the current should bring it back: "
     "most likely the sign is wrong (encoder.invert, or the motor's leads)"
 )
 _PAST_S: Final = 2.0
@@ -21,7 +21,7 @@ _GROWTH: Final = 2.0
 
 
 def detail(number: int, core: Any, origin_counts: int) -> str | None:
-    """What the last rows of a loop add to its fault, in words; None for nothing.
+    """Additional text for a fault, from the last rows of its loop; None for none.
 
     Args:
         number: of the fault. core: the loop (:class:`hapticd.servo.core.ServoCore`). origin_counts: the spring's.
@@ -32,10 +32,10 @@ def detail(number: int, core: Any, origin_counts: int) -> str | None:
 
 
 def sign_is_suspect(rows: NDArray[Any], origin_counts: int) -> bool:
-    """Whether the last motion in some rows is one that a spring of the right sign cannot have caused.
+    """Whether the last motion in some rows is impossible for a spring of the right sign.
 
-    An unstable spring swings, and a release begins towards the origin. A hand that pulls this fast, and ever faster from
-    the first tick on, is told from it by nobody.
+    An unstable spring oscillates, and a release begins towards the origin. A hand that pulls this fast, and ever faster from
+    the first tick on, cannot be distinguished.
 
     Args:
         rows: structured (:data:`hapticd.record.schema.ROW`), oldest first; the last run of FLAG_RUNNING is looked at.

@@ -3,12 +3,12 @@
     name: stiffness
     deflection: 20.3          # coarse ticks of each step's own settings, or text with a unit: 30deg
     duration_s: 2
-    repeat: 3                 # the whole list so many times
+    repeat: 3                 # of the whole list
     steps:
       - {spring.stiffness: 0.008}
       - {spring.stiffness: 0.012, deflection: 10.3}
 
-Every key but ``steps`` may be left out; a step may say ``deflection`` and ``duration_s`` for itself.
+Only ``steps`` is required; a step may have its own ``deflection`` and ``duration_s``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from hapticd.config.units import deflection_ticks, seconds, split
 from hapticd.servo.experiment import setting_problems
 
 DEFLECTION: Final = 10.3
-"""Of steps that say none, coarse ticks."""
+"""Default, coarse ticks."""
 MOST_STEPS: Final = 500
 _WIDTH: Final = 200
 _OWN: Final = ("deflection", "duration_s")
@@ -38,11 +38,11 @@ _KEYS: Final = ("name", *_OWN, "repeat", "steps")
 
 @dataclass(frozen=True)
 class Sequence:
-    """What a file asks for.
+    """The content of a sequence file.
 
     Attributes:
         name: of the experiment.
-        steps: of each its settings, ``deflection`` (a number of ticks, or text with a unit) and ``duration_s`` (or None).
+        steps: each with settings, ``deflection`` (a number of ticks, or text with a unit) and ``duration_s`` (or None).
     """
 
     name: str
@@ -52,7 +52,7 @@ class Sequence:
         """The fields of `Endpoints.sequence`, with deflections in ticks.
 
         Args:
-            config: in force.
+            config: the daemon's present config.
 
         Raises:
             ConfigError: a setting is wrong. UnitError: a deflection has a unit that this device cannot have.
@@ -69,7 +69,7 @@ def read_sequence(text: str, source: str) -> Sequence:
     """Read a sequence.
 
     Args:
-        text: of the file. source: what to call it in messages.
+        text: of the file. source: its name in messages.
 
     Raises:
         ConfigError: with everything that is wrong in it.
@@ -77,7 +77,7 @@ def read_sequence(text: str, source: str) -> Sequence:
     data, problems = read_yaml(text, source)
     data = {"steps": data} if isinstance(data, list) else data
     if not problems and not isinstance(data, dict):
-        problems = [Problem(source, "", None, "holds no sequence; write at least 'steps:' with one step below it")]
+        problems = [Problem(source, "", None, "contains no sequence; write at least 'steps:' with one step below it")]
     if problems or not isinstance(data, dict):
         raise ConfigError(problems)
     if problems := list(_problems(data, source)):
@@ -94,10 +94,10 @@ def read_sequence(text: str, source: str) -> Sequence:
 
 
 def changed_step(text: str, number: int, key: str, value: float | str) -> str:
-    """A sequence's text with one key of a step changed; comments and all else stay.
+    """A sequence's text with one key of a step changed; comments and everything else are unchanged.
 
     Args:
-        text: readable. number: of the step as it is played, repetitions counted, from 1.
+        text: a valid sequence. number: of the step in the order of execution, with repetitions, from 1.
     """
     yaml = YAML()
     yaml.preserve_quotes = True
@@ -146,10 +146,10 @@ def _own_problems(data: Mapping[str, Any], file: str, prefix: str) -> Iterator[P
 
 
 def _deflection(said: Any) -> None:
-    """Check its form; which units a device can have is known with its config alone.
+    """Check its form; whether its unit is possible depends on the device's config.
 
     Raises:
-        ValueError: it is neither a number nor text with one.
+        ValueError: it is neither a number nor a quantity.
     """
     if isinstance(said, str):
         split(said)
@@ -158,10 +158,10 @@ def _deflection(said: Any) -> None:
 
 
 def _seconds(said: Any) -> float | None:
-    """A duration, s; None where nothing is said.
+    """A duration, s; None if not given.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is not a duration.
     """
     if said is None:
         return None

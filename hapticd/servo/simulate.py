@@ -1,4 +1,4 @@
-"""``simulate``: the servo loop and the plant in virtual time, as fast as the machine allows and bit for bit repeatable."""
+"""``simulate``: the servo loop and the plant in virtual time, as fast as the machine allows and repeatable to the bit."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _largest_current(rows: NDArray[Any]) -> float:
 def _energies(
     truth: NDArray[Any], origin: float, resolution: float, period: float, mu: float, kappa: float, out: NDArray[Any]
 ) -> None:
-    """H_T (35) of true states (n, 2), as `hapticd.stability.storage.storage` has it, into ``out`` (n,)."""
+    """H_T (35) of true states (n, 2), see `hapticd.stability.storage.storage`, into ``out`` (n,)."""
     for k in range(len(truth)):
         xi, xi_dot = (truth[k, 0] - origin) / resolution, truth[k, 1] * (period / resolution)
         out[k] = energy(xi, xi_dot, mu) + 0.5 * kappa * xi * xi
@@ -99,20 +99,20 @@ def simulate(
     on_truth: Callable[[NDArray[np.float64]], None] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
-    """Simulate ``duration_s`` of the running loop on the config's own plant model.
+    """Simulate ``duration_s`` of the running loop with the config's plant model.
 
     Args:
-        config: any configuration; the loopback stands in for its driver, with that one's declared latency.
+        config: any configuration; the loopback replaces its driver, with the declared latency of that driver.
         duration_s: virtual time in s, rounded to whole periods.
         deflection: true initial position in coarse ticks from the spring's origin (default 0).
         velocity: true initial velocity in coarse ticks per period (default 0).
-        safety: keep the trips and the clamp at the peak current; otherwise the amplifier has no limit but its DAC.
+        safety: with the trips and the clamp at the peak current; otherwise only the DAC limits the current.
         seed: seed of the dither, instead of the config's.
-        energies: follow the energy, which the outcome is judged by; without, the outcome is None.
+        energies: compute the energy, from which the outcome follows; without it the outcome is None.
         excitation: table of an identification experiment (:func:`hapticd.servo.excitation.build`), played from the start;
             shape (2, ticks of the table).
-        replay: tick numbers and lateness in ns of a recorded loop, shape (2, n): the ticks are those, and as late, from the
-            first one on; ``duration_s`` is not looked at.
+        replay: tick numbers and lateness in ns of a recorded loop, shape (2, n), to repeat its timing from the
+            first one on; ``duration_s`` is then not used.
         on_rows: called with every block of rows, in order.
         on_truth: called with the true (position, velocity) at those rows, (n, 2), rad or m and per s.
         progress: called with the fraction done.
@@ -149,7 +149,7 @@ def simulate(
         reason = (
             core.run(real_time=False, ticks=count) if ticks_of is None else _replay(core, ticks_of[done : done + count])
         )
-        # The ring is as long as a chunk, so that these rows begin where it does.
+        # The ring is as long as a chunk, so that these rows begin at its beginning.
         head = core.load(atomics.RING_HEAD)
         core.store(atomics.RING_TAIL, head)
         rows, truth = core.ring[: head - done], core.truth[: head - done]
@@ -198,7 +198,7 @@ def simulate(
 def _begun(
     config: Config, start: tuple[float, float], safety: bool, excitation: NDArray[np.float64] | None
 ) -> tuple[LoopbackDriver, ServoCore, list[str]]:
-    """The device at its start (position, velocity), the loop that renders on it, and doubts about the device's delay."""
+    """The device at its start (position, velocity), the loop that renders on it, and warnings about the device's delay."""
     latency_s, doubt = declared_latency(config)
     loopback = config.model_copy(update={"driver": Driver(name="loopback")})
     driver = LoopbackDriver(
@@ -219,12 +219,12 @@ def _too_much(config: Config, peak: float) -> list[str]:
     limit = config.amplifier.peak_current
     if not limit or peak <= limit:
         return []
-    said = f"the current asked for reached {peak:.4g} A, above amplifier.peak_current = {limit:g} A"
-    return [f"{said}; --safety shows what the amplifier makes of it"]
+    said = f"the requested current reached {peak:.4g} A, above amplifier.peak_current = {limit:g} A"
+    return [f"{said}; --safety simulates this limit"]
 
 
 def _replay(core: ServoCore, ticks: NDArray[np.int64]) -> int:
-    """Ticks as they were recorded, (n, 2): periods skipped before each, and its lateness in ns; why it returned."""
+    """Repeat recorded ticks, (n, 2): periods skipped before each, and its lateness in ns; returns a RETURN_* reason."""
     reason = layout.RETURN_TICKS
     for skipped, late_ns in ticks:
         core.replay(int(skipped), int(late_ns))
@@ -234,7 +234,7 @@ def _replay(core: ServoCore, ticks: NDArray[np.int64]) -> int:
 
 
 def _outcome(config: Config, outcome: Outcome, at_rest: bool) -> Outcome:
-    """The outcome; where Coulomb friction holds no force that the loop commands, a motion that falls goes on in the end."""
+    """The outcome; if Coulomb friction holds no force that the loop commands, a decaying motion is persistent."""
     if outcome != "decaying" or at_rest or config.plant.effects:
         return outcome
     return outcome if can_rest(record_of(config, loop_from_config(config))[0]) else "persistent"

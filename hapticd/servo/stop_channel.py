@@ -1,8 +1,8 @@
-"""The second way to a stop: a compiled listener on a datagram socket. It needs no GIL, no API, no memory and no descriptor.
+"""Second channel for a stop: a compiled listener on a datagram socket, without GIL, API, allocation or descriptor.
 
-``stop`` or ``estop`` in a datagram sets the authority's words (`hapticd.servo.authority`), which the tick reads. Once the
-loop has obeyed, the sender, if it has an address, is answered with the name of the state, or ``late`` after 0.1 s. Who may
-send is decided by the kernel: whoever may write to the socket's file.
+``stop`` or ``estop`` in a datagram sets the authority's words (`hapticd.servo.authority`), which the tick reads. When the
+loop has obeyed, the reply to the sender, if it has an address, is the name of the state, or ``late`` after 0.1 s. Everybody
+with write permission on the socket's file may send.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _OBEYED_NS: Final = 100_000_000
 _LOOK_NS: Final = 200_000_000
 _POLL_NS: Final = 20_000
 _TICKS: Final = 2
-"""The tick at hand may have read the words already; the one after it has not."""
+"""The present tick may already have read the words; the next one has not."""
 
 # Memory of the listener, words.
 _QUIT, _MESSAGE, _SENDER_SIZE, _REPLY, _SENDER = 0, 1, 2, 3, 4
@@ -45,7 +45,7 @@ _MEMORY: Final = _SENDER + _ROOM // 8
 
 @njit("int64(int64[::1], int64[::1], boolean)", counted=False)
 def _obeyed(words: NDArray[Any], scratch: NDArray[Any], faults: bool) -> int:
-    """Wait until the loop has done what was asked for; its mode, or -1."""
+    """Wait until the loop has executed the request; its mode, or -1."""
     ticks, since = atomic_load(words, authority.LOOP_TICKS), now_ns(scratch)
     while True:
         done, mode = atomic_load(words, authority.LOOP_TICKS), atomic_load(words, authority.LOOP_MODE)
@@ -93,14 +93,14 @@ def _quit(memory: NDArray[Any]) -> None:
 
 
 class StopChannel:
-    """The listener's thread; exists, and waits, from the start.
+    """The listener's thread; it exists from the start.
 
     Args:
         words: of the authority.
         priority: of SCHED_FIFO, where it is granted.
 
     Raises:
-        RuntimeError: the system gives no thread.
+        RuntimeError: a thread cannot be created.
     """
 
     def __init__(self, words: NDArray[np.int64], priority: int) -> None:
@@ -112,10 +112,10 @@ class StopChannel:
         self._thread.start()
 
     def listen(self, bound: socket.socket) -> None:
-        """Begin to obey, or go on with another socket in the place of one whose file is gone.
+        """Begin to listen, or continue with another socket if the file of the previous one is gone.
 
         Args:
-            bound: a bound datagram socket; stays the caller's.
+            bound: a bound datagram socket, owned by the caller.
         """
         if self._descriptor < 0:
             self._descriptor = os.dup(bound.fileno())
@@ -128,7 +128,7 @@ class StopChannel:
         return self._thread.is_alive()
 
     def end(self) -> None:
-        """Obey no more. Safe to call twice and without `listen`."""
+        """Stop listening. Safe to call twice and without `listen`."""
         _quit(self._memory)
         self._has_socket.set()
         self._thread.join(1.0)

@@ -1,7 +1,7 @@
-"""The loop on a device's clock (``servo.clock: sync``): a tick begins when the device says so, not when our grid does.
+"""The loop on a device's clock (``servo.clock: sync``): a tick begins at the device's SYNC, not on the loop's own grid.
 
-The grid of the loop is kept as an estimate of the producer's: it moves by a quarter of each arrival's distance from it, so
-that the jitter of single arrivals averages out, and lateness and periods missed are measured against it.
+The grid of the loop is an estimate of the producer's: it moves by a quarter of each arrival's deviation, so
+that the jitter of single arrivals averages out. Lateness and missed periods are measured against it.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from hapticd.servo.timing import count
 
 _GAIN = 0.25
 _LONGEST_NS = 100_000_000.0
-"""The loop looks up so often, whatever ``safety.missed_exchanges`` says: somebody may want it to end."""
+"""Longest wait, for any ``safety.missed_exchanges``, so that the loop can end."""
 
 
 @njit(inline=True, counted=False)
 def wait_for_sync(servo: Any, shared: Any) -> None:
-    """Sleep until the device's clock; one that stays out for more than ``safety.missed_exchanges`` periods is a fault."""
+    """Sleep until the device's SYNC; none for more than ``safety.missed_exchanges`` periods is a fault."""
     state, tick, exchange, driver, params = servo.state, servo.tick, servo.exchange, servo.driver, servo.params
     period_ns = params.period_ns
     now = now_ns(servo.timespec)
@@ -37,7 +37,7 @@ def wait_for_sync(servo: Any, shared: Any) -> None:
     came = call_driver(driver.wait, driver.state, driver.exchange) == 0
     tick.woke_ns = now_ns(servo.timespec)
     if state.synced:
-        # To the nearest: a SYNC that is there early is not the one before.
+        # Rounded to the nearest: an early SYNC is not the previous one.
         tick.missed = max(0, int(np.floor((tick.woke_ns - tick.ns) / period_ns + 0.5)))
         tick.number += tick.missed
         steps = tick.number - state.grid_tick

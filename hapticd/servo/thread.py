@@ -1,4 +1,4 @@
-"""The servo thread: a Python thread that leaves Python at once and comes back when the loop ends."""
+"""The servo thread: a Python thread that runs the compiled loop until it ends."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ _TICKS_TO_SEE = 2
 _FIRST_TICK_AFTER_NS = 20_000_000
 _HOLD_S = 30.0
 _LEAST_RING_ROWS = 1 << 18
-"""13 s at the highest rate, to which a running loop may be set."""
+"""13 s at the highest rate, which a live setting may choose."""
 
 
 def ring_rows(rate_hz: float) -> int:
-    """Rows of the ring, a power of two: at this rate it holds 30 s of a disk that does not answer."""
+    """Rows of the ring, a power of two: 30 s at this rate, for a disk that does not answer."""
     return int(max(_LEAST_RING_ROWS, 1 << math.ceil(math.log2(_HOLD_S * rate_hz))))
 
 
@@ -78,7 +78,7 @@ class ServoThread:
         self._thread = threading.Thread(target=self._body, name="hapticd-servo", daemon=True)
 
     def start(self) -> None:
-        """Warm up, ask for real time, start ticking. The loop begins in ``off``, or in ``fault`` when one is latched.
+        """Warm up, request real time, start the loop. It begins in ``off``, or in ``fault`` if one is latched.
 
         Raises:
             RealtimeError: ``servo.require_realtime`` is set and something was refused.
@@ -100,10 +100,11 @@ class ServoThread:
             raise RealtimeError(f"servo.require_realtime is true, but {reasons}")
 
     def beat(self) -> None:
-        """The supervisor's heartbeat; without it the loop faults after ``safety.heartbeat_timeout_s``.
+        """Send the supervisor's heartbeat; without it the loop raises a fault after ``safety.heartbeat_timeout_s``.
 
-        Where the whole process was frozen, either thread may wake first: after so long a silence the first beat waits until
-        the loop has seen it, in a tick that may have begun before and a whole one.
+        If the whole process was frozen, either thread may wake first. So after such a silence the first heartbeat waits
+        until
+        the loop has seen the silence: for the rest of a tick and a whole one.
         """
         now_ns, ticks = time.monotonic_ns(), self.core.load(atomics.TICKS)
         limit_ns = float(self.core.params["heartbeat_ns"])
@@ -120,7 +121,7 @@ class ServoThread:
         return self._thread.is_alive()
 
     def stop(self, timeout_s: float = 5.0) -> bool:
-        """Leave the loop by way of zero current and wait for it; False when it did not end in time."""
+        """Command zero current, end the loop and wait for it; False if it did not end in time."""
         self.core.store(atomics.STOP, 1)
         if self._thread.ident is not None:
             self._thread.join(timeout_s)
@@ -141,7 +142,7 @@ class ServoThread:
 
 
 def _warm_up(config: Config, params: np.void) -> None:
-    """A dry run on a driver that does nothing: every page of the loop's code is touched before a deadline counts."""
+    """Run the loop on a driver without function: every page of its code is loaded before a deadline counts."""
     driver = NullDriver(config)
     driver.open()
     core = ServoCore(driver, ring_rows=_WARM_UP_TICKS, excitation_rows=1)

@@ -1,6 +1,6 @@
-"""Timing statistics: a logarithmic histogram filled by the loop, quantiles read from it without stopping anything.
+"""Timing statistics: a logarithmic histogram filled by the loop, whose quantiles can be read while it runs.
 
-Buckets hold 1/32 of a power of two, so a quantile is right to about 3 %; the maximum is kept exactly beside it.
+A bucket is 1/32 of a power of two wide, so a quantile is accurate to about 3 %; the maximum is stored exactly.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ BUCKETS = _SUB * 40
 
 @njit(counted=False)
 def count(histogram: NDArray[Any], value_ns: int) -> None:
-    """Add one value in ns (negative counts as 0, beyond 2⁴³ ns as the last bucket)."""
+    """Add one value in ns (a negative one to the first bucket, one above 2⁴³ ns to the last)."""
     value = max(value_ns, 0)
     exponent = SUB_BITS
     while exponent < 43 and (value >> (exponent + 1)) > 0:
@@ -45,7 +45,7 @@ def bucket_edges() -> NDArray[np.float64]:
 
 
 def quantiles_us(histogram: NDArray[np.int64], maximum_ns: int) -> dict[str, float | None]:
-    """``p50``, ``p99``, ``p999`` and ``max`` in µs; None for each while nothing was counted."""
+    """``p50``, ``p99``, ``p999`` and ``max`` in µs; None for each if nothing was counted."""
     total = int(histogram.sum())
     if total == 0:
         return {"p50": None, "p99": None, "p999": None, "max": None}

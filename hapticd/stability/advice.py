@@ -1,9 +1,10 @@
-"""Which one change would move a configuration to safety: solved for, rounded to the safe side, and checked again.
+"""Single changes of a configuration that make it stable: solved for, rounded to the safe side, and checked again.
 
-Every change is of one number and enough by itself. The criterion is solved with the motion held fixed in SI units; the
-result is rounded to few digits on its safe side, put into the configuration, and kept only if the configuration is valid
-and then stable, by a proof or by exploration. All searches are for the one place where the answer changes (`tuning` shows
-why there is one); in the decimation, where a release makes ripples, the nearest that holds is taken from a scan.
+Each change is of one number and sufficient alone. The criterion is solved with the motion fixed in SI units; the
+result is rounded to few digits on its safe side, applied to the configuration, and kept only if the configuration is valid
+and then stable, by a proof or by exploration. Each search is for the single value at which the answer changes (`tuning`
+shows why it is unique). In the decimation the margin of a release is not monotone: the nearest stable value is found by a
+scan.
 """
 
 from __future__ import annotations
@@ -26,29 +27,29 @@ from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
 from hapticd.stability.tuning import Start, grip_damping
 
-#: Decimations up to here are tried one by one; beyond, by bisection.
+#: Decimations up to this value are tried one by one, larger ones by bisection.
 _SCANNED: Final = 5000
 _DIGITS: Final = range(2, 15)
-#: How far rounding may move a value, as a fraction of it.
+#: Largest relative change of a value by rounding.
 _SLACK: Final = 0.03
-#: Ticks of a buzz that a change may leave: what a damper's kicks at an edge make, not what sampling and ticks do.
+#: Largest buzz after a change [ticks]: from the damper's response at an encoder edge, not from sampling and quantisation.
 _LEFT: Final = 0.02
-#: What a virtual damping that does not hold is tried to be multiplied with, the nearest first.
+#: Factors that are tried on a virtual damping that is not stable, the nearest first.
 _DAMPING_FACTORS: Final = (0.8, 1.25, 0.6, 1.6, 0.4, 2.5, 0.25, 4.0, 0.1, 10.0, 0.0)
-#: What is tried where there is none, as parts of m/T.
+#: Virtual dampings that are tried where there is none, in units of m/T.
 _DAMPING_PARTS: Final = (0.02, 0.04, 0.08, 0.12, 0.18, 0.25, 0.35, 0.5)
 
 
 @dataclass(frozen=True)
 class Change:
-    """One number of the configuration, or of the motion, that is enough to change.
+    """A change of one number of the configuration, or of the motion, that is sufficient.
 
     Attributes:
         key: dotted config key; ``deflection`` or ``velocity`` for the motion.
-        before: its value now. after: the value that is safe.
+        before: its present value. after: the stable value.
         unit: its unit.
-        region: the region then. margin: the paper's margin then, in ticks of force.
-        buzz: amplitude in ticks of the largest oscillation that is left; 0 where all that was tried comes to rest.
+        region: after the change. margin: of the paper's criterion after the change, in ticks of force.
+        buzz: amplitude in ticks of the largest remaining oscillation; 0 if every start comes to rest.
     """
 
     key: str
@@ -66,7 +67,7 @@ class Change:
 
     @property
     def document(self) -> dict[str, Any]:
-        """It as data."""
+        """The change as data."""
         return {
             "key": self.key,
             "before": self.before,
@@ -80,19 +81,19 @@ class Change:
 
 @dataclass(frozen=True)
 class Unit:
-    """In what a motion was asked about: the unit's name, and how many ticks, or ticks per period, one is."""
+    """Unit of the motion in the request: its name, and its size in ticks or ticks per period."""
 
     name: str
     ticks: float
 
 
 def advise(found: Assessment, asked_in: Unit | None = None) -> list[Change]:
-    """The single changes that make it stable, the smallest first; none where it is stable, or where none will do.
+    """The single changes that make it stable, the smallest first; empty if it is stable, or if no single change is enough.
 
-    Without a motion the aim is stability at every speed.
+    Without a motion: stability at every speed.
 
     Args:
-        found: what the theory says.
+        found: the assessment.
         asked_in: the unit of the motion in the answer; None for ticks and ticks per period.
     """
     if found.verdict == "stable":
@@ -108,7 +109,7 @@ def _safe(loop: Loop, start: Start | None) -> bool:
 
 
 def _solve(safe: Callable[[float], bool], bad: float, good: float) -> float | None:
-    """The value nearest to `bad` that is safe, between it and the farthest that is allowed; None if that is not safe."""
+    """The safe value nearest to `bad`, between it and `good`, the farthest allowed; None if `good` is not safe."""
     if not safe(good):
         return None
     if safe(bad):
@@ -117,7 +118,7 @@ def _solve(safe: Callable[[float], bool], bad: float, good: float) -> float | No
 
 
 def _rounded(safe: Callable[[float], bool], value: float, *, up: bool = False) -> float:
-    """A value of few digits on the safe side of a solution, which is below it or `up`, or the solution itself."""
+    """A value of few digits on the safe side of a solution (above it if `up`, else below), or the solution itself."""
     for digits in _DIGITS if value > 0.0 else ():
         power = 10.0 ** (digits - 1 - math.floor(math.log10(value)))
         short = (math.ceil if up else math.floor)(value * power) / power
@@ -127,7 +128,7 @@ def _rounded(safe: Callable[[float], bool], value: float, *, up: bool = False) -
 
 
 def _apply(found: Assessment, key: str, before: float, after: float) -> Change | None:
-    """The change if the configuration allows it and it does what it should."""
+    """The change, if the configuration allows it and is stable with it."""
     try:
         config = apply_settings(found.config, {key: after})
     except ConfigError:
@@ -141,7 +142,7 @@ def _apply(found: Assessment, key: str, before: float, after: float) -> Change |
 
 
 def _tried(found: Assessment, config: Config, start: Start | None) -> Assessment:
-    """What the theory says of a change, with more starts for `check`; without a motion not beyond a buzz that is left."""
+    """Assessment after a change, with more starts for `check`; without a motion it ends at a remaining buzz."""
     effort = REMEDY
     if found.effort.starts > GUARD.starts:
         effort = replace(REMEDY, starts=GUARD.starts, periods=GUARD.periods // 2)
@@ -150,7 +151,7 @@ def _tried(found: Assessment, config: Config, start: Start | None) -> Assessment
 
 
 def _helps(then: Assessment) -> bool:
-    """Whether the motion that is asked about comes to rest and others at most buzz below one tick; without one, all do."""
+    """Whether the requested motion comes to rest and others at most buzz below one tick; without one, whether all rest."""
     if then.verdict == "stable":
         return True
     explored = then.explored
@@ -173,7 +174,7 @@ def _searched(
     changed: Callable[[float], Loop],
     most: float = math.inf,
 ) -> Change | None:
-    """The nearest safe value on the way to `end`, of few digits and at most `most`; `changed` is the loop with a value."""
+    """The nearest safe value between `before` and `end`, of few digits, at most `most`; `changed`: the loop of a value."""
 
     def safe(value: float) -> bool:
         return value <= most and _safe(changed(value), found.start)
@@ -185,9 +186,9 @@ def _searched(
 
 
 def _damping(found: Assessment) -> Change | None:
-    """The nearest other virtual damping with which the exact loop dies out, of a coarse scale.
+    """The nearest virtual damping of a coarse scale with which the motion of the exact loop dies out.
 
-    Without one the smallest will do: what brakes too hard at this rate, near m/T, shakes by itself.
+    Without one the smallest is taken: a damping near m/T makes the loop unstable by itself.
     """
     present, most = found.config.spring.damping, found.loop.inertia / found.loop.period
     if found.loop.stiffness == 0.0:
@@ -247,7 +248,7 @@ def _delay(found: Assessment) -> Change | None:
 
 
 def _motion(found: Assessment, asked_in: Unit | None) -> Change | None:
-    """A gentler motion: a release from less far, or a lower velocity."""
+    """A smaller motion: a smaller deflection of the release, or a lower velocity."""
     if found.damped is not None:
         return None
     key = "velocity" if found.velocity is not None else "deflection"
@@ -276,9 +277,9 @@ def _motion(found: Assessment, asked_in: Unit | None) -> Change | None:
 
 
 def _grip(found: Assessment) -> Change | None:
-    """A hand's damping in parallel (Sec. III-B), if a linear device asks no more of it than the paper's operator has.
+    """A hand's damping in parallel (Sec. III-B), for a linear device that needs no more than the paper's operator has.
 
-    For a rotary device the paper gives no hand, and what a grip adds depends on the handle.
+    The paper has no hand for a rotary device; there the effect of a grip depends on the handle.
     """
     loop, present = found.loop, found.config.hand.damping
     missing = grip_damping(loop)

@@ -1,10 +1,10 @@
-"""What the theory says of a configuration and a motion: everything behind ``hapticd check``, in one place.
+"""Stability assessment of a configuration and a motion: the content of ``hapticd check``.
 
-A verdict ``stable`` has a proof behind it (`hapticd.stability.theorems`) or an exploration in which every start came to rest
-(`hapticd.stability.explore`). No region alone says it.
+The verdict ``stable`` needs a proof (`hapticd.stability.theorems`) or an exploration in which every start came to rest
+(`hapticd.stability.explore`). A region alone is not enough.
 
-The motion is a release at rest from a deflection, or a velocity at the spring's origin; without either, the answer is for
-every speed, and where the speed decides it is ``depends``.
+The motion is a release at rest from a deflection, or a velocity at the spring's origin. Without either, the answer is for
+every speed, or ``depends`` if it differs with the speed.
 """
 
 from __future__ import annotations
@@ -30,37 +30,37 @@ from hapticd.stability.tuning import Start, stiffness_max_dissipating, stiffness
 
 Verdict = Literal["stable", "depends", "buzzes", "unstable", "undecided"]
 
-#: Regions of the paper in which motions die out by the criterion, as far as its numbers have all that is in the loop.
+#: Regions of the paper in which motions die out by the criterion, if its numbers describe the whole loop.
 CALM: Final = frozenset({"A", "E", "F1", "F1|F2"})
-#: Regions in which an oscillation is one that gains energy by itself.
+#: Regions in which an oscillation gains energy.
 _SHAKES: Final = frozenset({"C", "D"})
 
-#: Top speed in ticks per period up to which energies are finite with room to spare.
+#: Top speed in ticks per period up to which energies do not overflow.
 _FASTEST: Final = 1e100
-#: Below this many ticks a motion is as good as the smallest disturbance.
+#: Amplitude in ticks below which a motion counts as the smallest disturbance.
 _SMALLEST_AMPLITUDE: Final = 1e-9
 
 
 @dataclass(frozen=True)
 class Assessment:
-    """A configuration and a motion as the theory sees them.
+    """The assessment of a configuration and a motion.
 
     Attributes:
-        config: the configuration. latency_s: the driver's declared latency in it.
-        loop: it in SI units. numbers: its operating point.
-        start: the motion; None for every motion. deflection, velocity: as asked for, in ticks and ticks per period.
+        config: the configuration. latency_s: the driver's declared latency [s].
+        loop: the configuration in SI units. numbers: its operating point.
+        start: the motion; None for every motion. deflection, velocity: as requested, in ticks and ticks per period.
         xi_dot_max: velocity bound (13) of the motion; None without one.
         region: region of Fig. 3 or 5.
-        proof: the written proof that covers the loop; None without one. holds: whether it covers this motion, or every
-            motion where none is asked about.
-        explored: what became of many starts; None where a proof makes that needless, or nothing is rendered.
+        proof: the proof that covers the loop; None without one. holds: whether it covers this motion, or every
+            motion if none was requested.
+        explored: result of the exploration; None if a proof makes it unnecessary, or no spring is rendered.
         verdict: the conclusion in one word.
         velocity_limit: largest ξ̇_max that dissipates (15), in ticks per period.
-        stiffness_passive, stiffness_dissipating: largest K at any speed, and for this motion; None without one.
-        cycle: the self-sustained oscillation that the motion ends in (describing function); None if it ends in none.
-        damped: what holds with the virtual damping; None without any. Region, limits and margins are then those of the
-            spring alone, and there is no cycle.
-        warnings: what the theory leaves out here, in words. effort: of the exploration.
+        stiffness_passive: largest passive K, at any speed. stiffness_dissipating: for this motion; None without one.
+        cycle: the limit cycle in which the motion ends (describing function); None if it ends in none.
+        damped: result with the virtual damping; None without any. Region, limits and margins are then those of the
+            spring alone, and `cycle` is None.
+        warnings: what the theory leaves out, in words. effort: of the exploration.
     """
 
     config: Config
@@ -86,7 +86,7 @@ class Assessment:
 
     @property
     def proven(self) -> bool:
-        """Whether the proof holds, and no number that it rests on is assumed."""
+        """Whether the proof holds, and none of its numbers is assumed."""
         return self.holds and not assumed(self.config)
 
     @property
@@ -132,34 +132,34 @@ def assess(
     jobs: int | None = 1,
     cycles: bool = True,
 ) -> Assessment:
-    """Ask the theory about a configuration.
+    """Assess a configuration.
 
     Args:
         config: a resolved configuration.
         velocity: initial velocity at the origin, in coarse ticks per period.
         deflection: release at rest from here, in coarse ticks from the origin.
-        start: in the place of both, the motion in SI units.
+        start: instead of both, the motion in SI units.
         latency_s: the driver's declared sample-to-current latency in s.
-        effort, jobs: of the exploration, where there is no proof.
-        cycles: whether to look for the cycles of the describing function.
+        effort, jobs: of the exploration, if there is no proof.
+        cycles: whether to compute the limit cycles of the describing function.
 
     Raises:
-        ValueError: both a velocity and a deflection, or a motion beyond what floating point can hold.
+        ValueError: both a velocity and a deflection, or a motion beyond the range of floating point.
     """
     if velocity is not None and deflection is not None:
-        raise ValueError("a motion begins with a velocity or with a deflection, not with both")
+        raise ValueError("give a velocity or a deflection, not both")
     loop = loop_from_config(config, latency_s)
     numbers = loop.numbers
     if start is not None:
         xi, xi_dot = start.to_ticks(loop)
         deflection, velocity = (xi, None) if start.deflection else (None, xi_dot)
     elif velocity is not None or deflection is not None:
-        # in SI units, so that it stays the same motion when the loop is changed
+        # in SI units, which do not depend on the loop
         start = Start.in_ticks(loop, deflection=deflection or 0.0, velocity=velocity or 0.0)
     with np.errstate(over="ignore", invalid="ignore"):
         xi_dot_max = None if start is None else start.xi_dot_max(loop)
     if xi_dot_max is not None and not xi_dot_max < _FASTEST:
-        raise ValueError(f"a motion of {xi_dot_max:g} ticks per period is beyond anything that can be worked out")
+        raise ValueError(f"a motion of {xi_dot_max:g} ticks per period is too large to compute; at most {_FASTEST:g}")
     where = region(numbers, xi_dot_max)
     with_damping = None
     if config.spring.damping > 0.0:
@@ -196,7 +196,7 @@ def assess(
 
 
 def _verdict(where: str, proof: Proof | None, explored: Explored | None) -> Verdict:
-    """The conclusion; ``proof`` is that of slow motions, where none is asked about."""
+    """The verdict; ``proof`` is that of slow motions, if no motion was requested."""
     if explored is None or explored.stable:
         return "stable"
     if proof is not None and proof.speed_limit > 0.0:

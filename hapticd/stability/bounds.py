@@ -1,12 +1,12 @@
-"""The bounds of Sec. VI on generation, without delay (47) and with delay (58), beside what really happens in a motion.
+"""The bounds of Sec. VI on generated energy, without delay (47) and with delay (58), compared with an exact motion.
 
-With D = ξ(τ₁) − ξ(l) and d = ξ(l) − ξ(h) they are ½D² + (½ + |d|)|D|. They always hold for S = ½μξ̇² + ½ξ², the energy with
-a linear spring, which is all that stability needs (`hapticd.stability.criterion`). E_g, what H_T of (35) receives, also has
-the half of ρ − ρ² in it, and may exceed them where a motion starts just beside an encoder edge.
+With D = ξ(τ₁) − ξ(l) and d = ξ(l) − ξ(h) they are ½D² + (½ + |d|)|D|. They always hold for S = ½μξ̇² + ½ξ², the energy of
+a linear spring, which is sufficient for stability (`hapticd.stability.criterion`). E_g, the energy added to H_T of (35),
+also contains ½(ρ − ρ²), and may exceed them if a motion starts very near an encoder edge.
 
-While one force is held, E_g depends on the place alone and not on how the mass got there. So whether the bound holds at
-*every* τ₁ of an interval is decided by the places that were visited. E_g less the bound rises and falls between encoder
-edges, but from one tick to the next it only falls: its supremum lies within the first three ticks, and is computed.
+While one force is held, E_g depends on the position only and not on the path. So whether the bound holds at
+*every* τ₁ of an interval depends on the range of positions. E_g − bound rises and falls between encoder
+edges, but falls from each tick to the next: its supremum lies within the first three ticks, and is computed.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ TOLERANCE: Final = 1e-9
 _TICKS_SEARCHED = 4
 
 
-def generation_bound(way: ArrayLike, late: ArrayLike = 0.0) -> FloatArray:
+def generation_bound(displacement: ArrayLike, late: ArrayLike = 0.0) -> FloatArray:
     """½D² + (½ + |d|)|D| (47, 58).
 
     Args:
-        way: D = ξ(τ₁) − ξ(l).
-        late: d = ξ(l) − ξ(h), the way made since the sample was taken.
+        displacement: D = ξ(τ₁) − ξ(l).
+        late: d = ξ(l) − ξ(h), the displacement since the sample.
     """
-    D, d = np.broadcast_arrays(np.asarray(way, dtype=np.float64), np.asarray(late, dtype=np.float64))
+    D, d = np.broadcast_arrays(np.asarray(displacement, dtype=np.float64), np.asarray(late, dtype=np.float64))
     return np.asarray(0.5 * D * D + (0.5 + np.abs(d)) * np.abs(D))
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What the bounds say of every interval of a motion that held a force; the coast is left out.
+    """The bounds in every interval of a motion with a held force; the coast is left out.
 
     Attributes:
-        way: (n,) D over the whole interval. late: (n,) d.
+        displacement: (n,) D over the whole interval. late: (n,) d.
         generated: (n,) E_g over the whole interval.
         excess: (n,) largest E_g − bound at any τ₁ of the interval; positive is a violation.
-        scale: (n,) energies with which rounding is to be compared.
+        scale: (n,) energies that rounding is compared with.
     """
 
-    way: FloatArray
+    displacement: FloatArray
     late: FloatArray
     generated: FloatArray
     excess: FloatArray
@@ -64,14 +64,14 @@ def check_bounds(account: Ledger) -> Bounds:
     first = int(account.coasts)
     start, end = account.xi[first:-1], account.xi[first + 1 :]
     low, high, sampled = account.low[first:], account.high[first:], account.sampled[first:]
-    return places_checked(sampled, start, end, low, high)
+    return bounds_of_positions(sampled, start, end, low, high)
 
 
-def places_checked(
+def bounds_of_positions(
     sampled: FloatArray, start: FloatArray, end: FloatArray, low: FloatArray, high: FloatArray
 ) -> Bounds:
-    """Check the bounds on generation for intervals given by the places they sampled and visited, each (n,) in ticks."""
-    late, way = start - sampled, end - start
+    """Check the bounds for intervals, given their positions at sample, start, end, minimum and maximum; (n,) in ticks."""
+    late, displacement = start - sampled, end - start
     tick, tick_sampled = np.floor(start), np.floor(sampled)
     excess = np.maximum(
         _supremum(tick - tick_sampled, start - tick, late, high - start),
@@ -79,16 +79,16 @@ def places_checked(
         _supremum(tick_sampled - tick, tick + 1.0 - start, -late, start - low),
     )
     scale = 1.0 + generation_bound(np.maximum(high - start, start - low), late)
-    return Bounds(way, late, generated(tick - tick_sampled, start - tick, way), excess, scale)
+    return Bounds(displacement, late, generated(tick - tick_sampled, start - tick, displacement), excess, scale)
 
 
 def _supremum(ticks_late: FloatArray, rho: FloatArray, late: FloatArray, reach: FloatArray) -> FloatArray:
-    """Largest E_g − bound over the ways 0 ≤ D ≤ reach."""
+    """Largest E_g − bound over the displacements 0 ≤ D ≤ reach."""
     best = np.zeros_like(reach)
     candidates = [reach, *(np.full_like(reach, float(j)) for j in range(1, _TICKS_SEARCHED))]
     candidates += [j - rho for j in range(1, _TICKS_SEARCHED)]
     candidates += [ticks_late + j - 0.5 - np.abs(late) for j in range(_TICKS_SEARCHED)]
     for candidate in candidates:
-        way = np.clip(candidate, 0.0, reach)
-        best = np.maximum(best, generated(ticks_late, rho, way) - generation_bound(way, late))
+        displacement = np.clip(candidate, 0.0, reach)
+        best = np.maximum(best, generated(ticks_late, rho, displacement) - generation_bound(displacement, late))
     return best

@@ -1,4 +1,4 @@
-"""What the theory leaves out of a configuration, or what will interfere with its prediction."""
+"""Warnings: what the theory leaves out of a configuration, or what disturbs its prediction."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from hapticd.stability.criterion import sampling_bound_ok, sampling_ratio
 from hapticd.stability.numbers import Loop
 
 FEW_COUNTS = 4.0
-"""A speed limit of fewer counts a period is one that the encoder hardly tells."""
+"""The encoder hardly resolves a speed limit of fewer counts per period."""
 
 
 def cautions(config: Config, loop: Loop, xi_dot_max: float | None, deflection: float | None) -> tuple[str, ...]:
     """Warnings, each a sentence with the numbers behind it.
 
     Args:
-        config: the configuration. loop: it in SI units, the driver's latency included.
+        config: the configuration. loop: the same in SI units, with the driver's latency.
         xi_dot_max: velocity bound of the motion in ticks per period. deflection: where it is released, in ticks.
     """
     found = [*_outside_the_theory(config), *_interface(config, loop)]
@@ -30,21 +30,21 @@ def cautions(config: Config, loop: Loop, xi_dot_max: float | None, deflection: f
 
 
 def uncounted(config: Config) -> tuple[str, ...]:
-    """Effects of the plant that the theory leaves out: a loop's numbers take the others at their worst."""
+    """Effects of the plant that the theory leaves out. The loop's numbers contain the worst case of the others."""
     return tuple(listed.name for listed in config.plant.effects if CATALOGUE[listed.name].in_loop is None)
 
 
 def _outside_the_theory(config: Config) -> Iterator[str]:
     spring = config.spring
     if spring.stiffness == 0.0 and spring.damping == 0.0:
-        yield "spring.stiffness is 0: no spring is rendered, so there is nothing that could become unstable"
+        yield "spring.stiffness is 0: no spring is rendered, nothing can become unstable"
     if spring.side != "both":
         yield (
-            f"spring.side is {spring.side}: where no theorem proves a motion on this wall, the region is that of a spring "
-            "both ways"
+            f"spring.side is {spring.side}: if no theorem proves a motion on this wall, the region is that of a two-sided "
+            "spring"
         )
     if left_out := uncounted(config):
-        yield f"plant.effects ({', '.join(left_out)}) are outside the theory; 'hapticd simulate' knows them"
+        yield f"plant.effects ({', '.join(left_out)}) are outside the theory; 'hapticd simulate' includes them"
 
 
 def _interface(config: Config, loop: Loop) -> Iterator[str]:
@@ -54,9 +54,9 @@ def _interface(config: Config, loop: Loop) -> Iterator[str]:
     speed, unit = config.safety.max_velocity, "m/s" if config.is_linear else "rad/s"
     if speed and speed < FEW_COUNTS * config.count_speed:
         yield (
-            f"safety.max_velocity = {speed:g} {unit} is {speed / config.count_speed:.3g} counts a period, and one count a "
-            f"period is {config.count_speed:.3g} {unit}: the trip allows for one count, so it comes late or not at all near "
-            "the limit; take a finer encoder, a slower servo or a higher limit"
+            f"safety.max_velocity = {speed:g} {unit} is {speed / config.count_speed:.3g} counts per period, and one count "
+            f"per period is {config.count_speed:.3g} {unit}: the trip allows for one count, so near the limit it comes late "
+            "or never; use a finer encoder, a slower servo or a higher limit"
         )
     amplifier = config.amplifier
     converter, own = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)[0], declared_step(config)
@@ -71,7 +71,7 @@ def _interface(config: Config, loop: Loop) -> Iterator[str]:
                 f"friction must hold {loop.numbers.quantum:.3g} ticks"
             )
     if config.dither.target != "none":
-        yield f"dither is on: with it Coulomb friction must hold {loop.numbers.quantum:.3g} ticks of force in place of ½"
+        yield f"dither is on: Coulomb friction must then hold {loop.numbers.quantum:.3g} ticks of force instead of ½"
 
 
 def _theory(loop: Loop) -> Iterator[str]:
@@ -95,10 +95,10 @@ def _motion(config: Config, loop: Loop, xi_dot_max: float | None, deflection: fl
             )
     if deflection is None:
         return
-    way = abs(float(scales.xi_to_position(deflection)))
-    if safety.max_excursion and way > safety.max_excursion:
-        yield f"the deflection is {way:.3g} {unit}, beyond safety.max_excursion = {safety.max_excursion:g} {unit}"
-    pull = abs(math.floor(deflection) + 0.5) * scales.force + loop.hand_stiffness * way
+    displacement = abs(float(scales.xi_to_position(deflection)))
+    if safety.max_excursion and displacement > safety.max_excursion:
+        yield f"the deflection is {displacement:.3g} {unit}, beyond safety.max_excursion = {safety.max_excursion:g} {unit}"
+    pull = abs(math.floor(deflection) + 0.5) * scales.force + loop.hand_stiffness * displacement
     if pull <= loop.coulomb:
         yield (
             f"a release from {deflection:g} ticks does not move at all: the spring pulls with "
@@ -111,6 +111,6 @@ def _motion(config: Config, loop: Loop, xi_dot_max: float | None, deflection: fl
     current = abs(math.floor(deflection) + 0.5) * scales.force / amplifier.torque_constant
     if current > min(limits):
         yield (
-            f"the spring asks for {current:.3g} A there, but the amplifier ends at {min(limits):g} A: the pull is weaker "
-            "than the theory's"
+            f"the spring needs {current:.3g} A there, but the amplifier's limit is {min(limits):g} A: the force is smaller "
+            "than in the theory"
         )

@@ -1,19 +1,19 @@
-"""The paper's criterion (12, 19), as the theorems that it is with the storage of a linear spring.
+"""The paper's criterion (12, 19) as two theorems, with the storage function of a linear spring.
 
-Take S = ½μξ̇² + ½(1 + κ)ξ² in place of (35). The force of the sample h is −ξ(h) + e with |e| ≤ q: q = ½ for the ticks of
-eq. 2, more with dither or a coarse converter (`Dimensionless.quantum`). Friction of q holds e at any speed; what sampling
-and delay add is ∫(ξ − ξ(h))ξ̇, and that is at most λ ∫ξ̇² with
+S = ½μξ̇² + ½(1 + κ)ξ² replaces (35). The force of the sample h is −ξ(h) + e with |e| ≤ q: q = ½ for the ticks of
+eq. 2, more with dither or a coarse converter (`Dimensionless.quantum`). Coulomb friction of q absorbs e at any speed;
+sampling and delay add ∫(ξ − ξ(h))ξ̇, which is at most λ ∫ξ̇² with
 
     λ(τ_D) = ½[(½ + τ_D) + √((½ + τ_D)² + f(1 − f))],     f = τ_D − ⌊τ_D⌋,
 
-which is ½ + τ_D for a whole number of periods and up to 8 % more between (docs/explanation/stability.md has the proofs).
+which is ½ + τ_D for whole periods and up to 8 % more between (proofs: docs/explanation/stability.md).
 
 * Theorem 1, τ_D = 0: with σ ≥ q and (β − ½)ξ̇_max + σ − q ≥ 0, S falls from each sample to every later moment of its period.
-* Theorem 2: with σ ≥ q and (β − λ)ξ̇_max + σ − q ≥ 0, S never exceeds what it was at the start, but for what the mass may
-  gain once, before the first force arrives (`hapticd.stability.storage.velocity_bound` has it).
+* Theorem 2: with σ ≥ q and (β − λ)ξ̇_max + σ − q ≥ 0, S never exceeds its initial value plus what the mass may
+  gain once, before the first force acts (included in `hapticd.stability.storage.velocity_bound`).
 
-With β ≥ λ and σ ≥ q neither knows a speed: the rendered spring is passive. Margins are in ticks' worth of force; positive is
-dissipating. All functions broadcast. Velocities in ticks per period. `hapticd.stability.theorems` says which
+With β ≥ λ and σ ≥ q both hold at every speed: the rendered spring is passive. Margins are in ticks of force; positive:
+dissipating. All functions broadcast. Velocities in ticks per period. `hapticd.stability.theorems`: which
 configurations a proof covers.
 """
 
@@ -44,23 +44,23 @@ def sampling_bound_ok(numbers: Dimensionless) -> bool:
 
 
 def lambda_(tau_d: ArrayLike, beta_v: ArrayLike = 0.0) -> FloatArray:
-    """λ of theorem 2: the viscous friction β with which sampling and delay cannot put energy in, at any speed.
+    """λ of theorem 2: the viscous friction β above which sampling and delay generate no energy, at any speed.
 
     Args:
         tau_d: loop delay τ_D.
-        beta_v: virtual damping B/(KT); its braking is not counted, what it may put in is.
+        beta_v: virtual damping B/(KT); the energy it may generate is counted, its dissipation is not.
     """
     late = np.asarray(tau_d, dtype=np.float64)
     f = late - np.floor(late)
     x = 0.5 + late + np.asarray(beta_v, dtype=np.float64)
-    # in this form a whole delay gives x to the last bit
+    # in this form a delay of whole periods gives x to the last bit
     return np.asarray(x + 0.5 * (np.sqrt(x * x + f * (1.0 - f)) - x))
 
 
 def dissipation_margin(
     beta: ArrayLike, sigma: ArrayLike, tau_d: ArrayLike, xi_dot_max: ArrayLike, quantum: ArrayLike = 0.5
 ) -> FloatArray:
-    """(12), and (19) with λ: the smallest of (β − λ)v + σ − q over the speeds v up to ξ̇_max; ≥ 0 means that it holds.
+    """(12), and (19) with λ: the minimum of (β − λ)v + σ − q over the speeds v up to ξ̇_max; ≥ 0: the criterion holds.
 
     Args:
         beta: viscous friction β.
@@ -76,7 +76,7 @@ def dissipation_margin(
 def criterion_margin(numbers: Dimensionless, xi_dot_max: float | None) -> float:
     """Margin of one operating point.
 
-    Without a velocity it is the margin of what must hold at all velocities: min(β − λ, σ − q) (eq. 17, 18).
+    Without a velocity it is the margin at all velocities: min(β − λ, σ − q) (eq. 17, 18).
     """
     if math.isinf(numbers.mu):
         return math.inf
@@ -87,8 +87,8 @@ def criterion_margin(numbers: Dimensionless, xi_dot_max: float | None) -> float:
 
 
 def viscous_margin(numbers: Dimensionless) -> float:
-    """β − ½ − τ_D: the border of Fig. 5 between motions that the speed decides and those that it does not."""
-    # Grouped so that a β computed as ½ + τ_D is on the boundary, not a rounding below it.
+    """β − ½ − τ_D: the boundary of Fig. 5 between stability that depends on the speed and stability that does not."""
+    # Grouped so that β = ½ + τ_D gives exactly 0.
     return numbers.beta - (0.5 + numbers.tau_d)
 
 
@@ -106,7 +106,7 @@ def velocity_limit(numbers: Dimensionless) -> float:
     """Largest ξ̇_max for which the criterion holds (eq. 15), (σ − q)/(λ − β).
 
     Returns:
-        ticks per period; infinite where every velocity is allowed, 0 where none is.
+        ticks per period; infinite if every velocity is allowed, 0 if none is.
     """
     if coulomb_margin(numbers) < 0.0:
         return 0.0

@@ -1,6 +1,6 @@
-"""The amplifier's current loop, i″ = ω²(u − i) − 2δω i′: in a configuration, and what it costs the theorems.
+"""The amplifier's current loop, i″ = ω²(u − i) − 2δω i′: its parameters in a configuration, its cost in the theorems.
 
-Regions and criterion see it as the delay T_A = 2δ/ω of (5); what is proven and what is explored have its second order.
+Regions and criterion take it as the delay T_A = 2δ/ω of (5); proofs and exploration use the second order.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
     from hapticd.config import Config
     from hapticd.stability.numbers import Loop
 
-#: Grid of the impulse response, and what its error is rounded up by.
+#: Points of the impulse response, and the factor by which the result is rounded up.
 _POINTS, _ROUNDING = 20_000, 1.0 + 1e-3
 
 
 def current_loop(config: Config, loop: Loop) -> tuple[float, float, float]:
-    """What of a loop's delay is a current loop of second order: the effect ``amplifier_lag``, else the amplifier itself.
+    """The second-order current loop that is part of a loop's delay: the effect ``amplifier_lag``, else the amplifier.
 
     Args:
-        config: the configuration. loop: it in SI units, or another loop of the same kind.
+        config: the configuration. loop: the same in SI units, or another loop of the same kind.
 
     Returns:
-        The delay that is left before it (periods), ω (rad per period) and δ, both 0 where there is none.
+        The remaining delay before it (periods), ω (rad per period) and δ; both 0 if there is none.
     """
     hertz, ratio = config.amplifier.bandwidth_hz, config.amplifier.damping_ratio
     for listed in config.plant.effects:
@@ -39,29 +39,29 @@ def current_loop(config: Config, loop: Loop) -> tuple[float, float, float]:
     if not hertz:
         return loop.delay / loop.period, 0.0, 0.0
     own = ratio / (math.pi * hertz)
-    # a delay of whole periods must not become one of a whole period less a rounding
+    # rounding must not move a delay of whole periods below that number
     return round(max(0.0, loop.delay - own) / loop.period, 12), 2.0 * math.pi * hertz * loop.period, ratio
 
 
 @functools.lru_cache(maxsize=256)
 def lagged(tau: float, natural: float, damping: float, beta_v: float = 0.0) -> tuple[float, float, float]:
-    """λ, the gain of q, and the lateness of a first force, of a current loop of second order behind a delay.
+    """λ, the gain of q and the lateness of the first force, for a second-order current loop behind a delay.
 
-    Its force is a mixture of delays, weighted with its impulse response a(θ): each delay τ + θ puts in at most
-    λ(τ + θ)∫ξ̇², whatever the sign of its weight.
+    Its force is a sum of delayed forces, weighted with its impulse response a(θ): each delay τ + θ generates at most
+    λ(τ + θ)∫ξ̇², for either sign of its weight.
 
     Args:
         tau: the delay before it, periods. natural: ω_A, rad per period. damping: δ_A. beta_v: virtual damping.
 
     Returns:
-        ∫|a|λ(τ + θ)dθ, ∫|a|dθ and ∫|1 − s|dθ with the step response s, a little rounded up.
+        ∫|a|λ(τ + θ)dθ, ∫|a|dθ and ∫|1 − s|dθ with the step response s, rounded up by 10⁻³.
     """
     slowest = damping if damping <= 1.0 else 1.0 / (damping + math.sqrt(damping * damping - 1.0))
     step = 25.0 / slowest / _POINTS
     x = step * (np.arange(_POINTS) + 0.5)
     root = np.sqrt(complex(damping * damping - 1.0))
     if abs(root) < 1e-6:
-        root = 1e-6 + 0.0j  # the critically damped loop, to 12 digits
+        root = 1e-6 + 0.0j  # critical damping, to 12 digits
     fast, slow = damping + root, damping - root
     impulse = ((np.exp(-slow * x) - np.exp(-fast * x)) / (2.0 * root)).real
     rest = ((fast * np.exp(-slow * x) - slow * np.exp(-fast * x)) / (2.0 * root)).real

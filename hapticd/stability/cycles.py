@@ -1,12 +1,12 @@
-"""What a start ends in, by exact simulation: at rest, in a cycle of some kind, or in growth.
+"""Final state of a motion, by exact simulation: rest, a cycle, or growth.
 
-A cycle that *recurs* is symmetric, one swing of two equal halves, or asymmetric: one half longer than the other, or several
-swings that are not alike. One that *wanders* has settled in how far it goes (1 %), and does not recur: its swings beat with
-the servo's periods for ever, or chance from a uniform dither drives it. Some of these are on their way to a cycle still.
+A cycle that *recurs* is symmetric (one oscillation of two equal halves) or asymmetric (halves of different length, or
+several different oscillations). A *wandering* one has a settled amplitude (within 1 %) and does not recur: its frequency is
+not a fraction of the servo rate, or a uniform dither drives it. Some of these have not yet converged to a cycle.
 
-Below one tick the bare spring is a relay that switches at samples, and a symmetric cycle takes a whole number of periods,
-usually one of several. All starts that end in the same have the same amplitude, at places that differ: where a cycle lies
-within its tick hardly matters to it.
+Below one tick the bare spring is a relay that switches at samples, and a symmetric cycle lasts a whole number of periods.
+Several numbers are usually possible. Starts that end in the same cycle have the same amplitude at different positions: the
+cycle hardly depends on its position within the tick.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from hapticd.stability.outcome import GROWING, PERSISTENT, STRETCHES
 from hapticd.stability.whole_loop import UNIFORM
 
 ONE_TICK: Final = 1.0
-#: Ticks below which an oscillation that rises a little is no growth yet.
+#: Amplitude in ticks below which a small rise does not count as growth.
 _SMALL: Final = 0.5
 AT_REST, BUZZES, MOVES_ON, UNDECIDED = range(4)
 
 Kind = Literal["symmetric", "asymmetric", "wandering"]
 WANDERS: Final = "wandering"
 _KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
-#: Above one tick, cycles whose amplitudes are within one of so many steps to twice as much are told as one.
+#: Steps per octave of amplitude: cycles above one tick within one step are reported as one.
 _STEPS: Final = 2.0
-#: Mean force in ticks below which both halves of a swing are as long.
+#: Mean force in ticks below which both halves of an oscillation count as equally long.
 _EQUAL: Final = 1e-9
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """Oscillations of one kind in which starts end: of one frequency if they recur, of about one amplitude above one tick.
+    """Final oscillations of one kind: of one frequency if they recur; above one tick, of about one amplitude.
 
     Attributes:
-        share: of the starts. kind: see above.
-        periods: of the servo that one swing takes, rounded; 0 where no swing was seen whole.
+        share: of the starts. kind: see the module.
+        periods: servo periods of one oscillation, rounded; 0 if none was complete.
         amplitude: of the largest, ticks. median: of their amplitudes.
-        centre: of the farthest from the origin, the middle of where it goes, ticks.
+        centre: of the one farthest from the origin, middle of its range, ticks.
     """
 
     share: float
@@ -59,12 +59,12 @@ class Cycle:
 
     @property
     def words(self) -> str:
-        """What it is called: its periods, its kind where it is not symmetric, and whether it passes one tick."""
+        """Its name: its periods, its kind if not symmetric, and whether it exceeds one tick."""
         name = WANDERS if self.kind == WANDERS else f"{self.periods} periods"
         return name + (self.kind == "asymmetric") * ", uneven" + (self.amplitude >= ONE_TICK) * ", above a tick"
 
 
-#: Quarters of a horizon for which a rise from its third to its last is thought to go on.
+#: Quarters of a horizon over which a rise from its third to its last quarter is extrapolated.
 _FURTHER: Final = 40
 
 
@@ -74,11 +74,11 @@ def answers_of(begun: NDArray[Any], runs: NDArray[Any]) -> NDArray[np.int8]:
     chance = (begun["waveform"] == UNIFORM) & (reason != loops.REST)
     rests = np.isin(reason, (loops.REST, loops.VANISHED)) | ((amplitude < loops.CREEP) & ~chance)
     grows, goes_on = growing(runs), outcome == PERSISTENT
-    # what has neither recurred nor settled below a tick may grow very slowly, where nothing forbids it
+    # a run that has neither recurred nor settled below a tick may grow very slowly, unless that is excluded
     unsettled = (reason == loops.HORIZON) & (amplitude < ONE_TICK) & ~chance & ~rests & ~grows
     unsettled[unsettled] = ~never_grows(begun[unsettled])
-    # a damper's cycles wander, and what the delay of a current loop forbids its second order hardly does: it takes a rise
-    # that would lead beyond a tick
+    # cycles of a damper wander, and with a second-order current loop growth is hardly possible: only a rise counts
+    # that would lead beyond one tick
     late = begun["tau_d"] + 2.0 * begun["ratio"] / np.where(begun["natural"] > 0.0, begun["natural"], np.inf)
     bounded = (begun["beta_v"] > 0.0) | ((begun["natural"] > 0.0) & (begun["beta"] > lambda_(late)))
     half = STRETCHES // 2
@@ -99,10 +99,10 @@ def growing(runs: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 def sorted_into(runs: NDArray[Any]) -> tuple[list[Cycle], NDArray[np.int64]]:
-    """The cycles in which runs end that neither rest nor grow.
+    """The cycles of those runs that neither rest nor grow.
 
     Returns:
-        The cycles, the most frequent first, with their share of these runs; and (n,) which of them a run is in.
+        The cycles, the most frequent first, with their share of these runs; and (n,) the index of each run's cycle.
     """
     swing = np.divide(2.0 * math.pi, runs["omega"], out=np.zeros(runs.size), where=runs["omega"] > 0.0)
     even = (np.abs(runs["cycle"] - swing) < 0.5) & (np.abs(runs["lean"]) < _EQUAL)
@@ -133,5 +133,5 @@ def sorted_into(runs: NDArray[Any]) -> tuple[list[Cycle], NDArray[np.int64]]:
 
 
 def within(cycles: Sequence[Cycle], amplitude: float, tolerance: float) -> float:
-    """The share of starts that end in cycles whose median amplitude a prediction meets, to a fraction of it."""
+    """The share of starts in cycles whose median amplitude agrees with a prediction, within a relative tolerance."""
     return sum(cycle.share for cycle in cycles if abs(amplitude / cycle.median - 1.0) <= tolerance)

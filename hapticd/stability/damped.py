@@ -1,4 +1,4 @@
-"""What holds of a loop with virtual damping by Colgate and Schenkel's bound, with delay by theorem 2."""
+"""Passivity of a loop with virtual damping: Colgate and Schenkel's bound, with delay theorem 2."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hapticd.config import Config
 from hapticd.stability.damping import Damper, damper_from_config, passive_beta
 from hapticd.stability.numbers import Loop
 
-#: 1/μ of a spring whose own oscillation takes longer than any run.
+#: 1/μ of a spring with an oscillation period longer than any run.
 _TOO_SOFT: Final = 1e-14
 
 
@@ -18,9 +18,9 @@ class Damped:
     """A loop with virtual damping.
 
     Attributes:
-        damper: it, in the units of Table I.
+        damper: in the units of Table I.
         passive_least: b in N m s/rad or N s/m above which the loop is passive by Colgate and Schenkel, with delay by
-            theorem 2; ticks and Coulomb friction are not in it. viscous: what the device and the hand have.
+            theorem 2; without ticks and Coulomb friction. viscous: b of device and hand.
     """
 
     damper: Damper
@@ -29,12 +29,12 @@ class Damped:
 
     @property
     def passive(self) -> bool:
-        """Whether that bound holds."""
+        """Whether the bound holds."""
         return self.viscous >= self.passive_least
 
     @property
     def document(self) -> dict[str, Any]:
-        """It as data, for ``hapticd check --json``."""
+        """The result as data, for ``hapticd check --json``."""
         return {
             "beta_v": self.damper.beta_v,
             "gamma": self.damper.gamma,
@@ -44,10 +44,10 @@ class Damped:
 
 
 def damped(config: Config, loop: Loop) -> Damped:
-    """Look at a loop with virtual damping.
+    """Evaluate the bound for a loop with virtual damping.
 
     Args:
-        config: with ``spring.damping`` above 0. loop: it in SI units.
+        config: with ``spring.damping`` above 0. loop: the same in SI units.
     """
     loop = sprung(loop)
     damper, numbers, scales = damper_from_config(config, loop), loop.numbers, loop.scales
@@ -56,5 +56,5 @@ def damped(config: Config, loop: Loop) -> Damped:
 
 
 def sprung(loop: Loop) -> Loop:
-    """The loop; without a spring, with one too soft to matter, which its numbers can be in units of."""
+    """The loop; without a spring, with a negligibly soft one, so that its dimensionless numbers exist."""
     return loop if loop.stiffness > 0.0 else replace(loop, stiffness=_TOO_SOFT * loop.inertia / loop.period**2)

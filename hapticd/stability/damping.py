@@ -1,4 +1,4 @@
-"""What theory says of virtual damping B: Colgate and Schenkel's bound, and what it becomes with delay.
+"""Passivity with virtual damping B: Colgate and Schenkel's bound, and its form with delay.
 
 **Passivity** (J. E. Colgate, G. G. Schenkel, "Passivity of a class of sampled-data systems: application to haptic
 interfaces", J. Robotic Systems 14, 1997). A device of viscous friction b that is driven through a zero-order hold by
@@ -7,10 +7,10 @@ estimate of the velocity in use is a mean of backward differences, D = Σ w_k z^
 
     b > KT/2 + γB,      γ = max over θ of −Σ w_k cos kθ,
 
-γ = 1 for the difference over one period (their b > KT/2 + |B|), less for any other. With late forces γ = 1 suffices, and
-b > KT λ(τ_D, β_v) of theorem 2 (`hapticd.stability.criterion`), β_v = B/(KT); without a damper that is necessary too. The
-bound knows no encoder and no Coulomb friction; `hapticd.stability.theorems` does, and there too a damper only costs. No
-theorem covers its braking; `hapticd.stability.sampled_loop` simulates it.
+γ = 1 for the difference over one period (their b > KT/2 + |B|), less for any other. With a delay, γ = 1 is sufficient, and
+b > KT λ(τ_D, β_v) of theorem 2 (`hapticd.stability.criterion`), β_v = B/(KT); without a damper it is also necessary. The
+bound leaves out encoder and Coulomb friction; `hapticd.stability.theorems` includes them, and there a damper only raises q
+and λ. No theorem covers its dissipation; `hapticd.stability.sampled_loop` simulates it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Damper:
     Attributes:
         beta_v: β_v = B/(KT).
         periods: n, over which positions are differenced.
-        keep: a, the fraction of the estimate that a period leaves; 0 for the plain difference.
+        keep: a, the fraction of the estimate that remains after a period; 0 for the plain difference.
     """
 
     beta_v: float
@@ -47,19 +47,19 @@ class Damper:
 
     @property
     def grain(self) -> float:
-        """Largest error that ticks give the estimate, in ticks per period: 1/n, or 1 − a."""
+        """Largest error of the estimate due to quantisation, in ticks per period: 1/n, or 1 − a."""
         return (1.0 - self.keep) / self.periods
 
     @property
     def gamma(self) -> float:
-        """γ: the damping that the damper itself asks of the device, as a fraction of B."""
+        """γ: the viscous friction that the damper requires of the device, as a fraction of B."""
         if self.keep > 0.0:
             return (1.0 - self.keep) / (1.0 + self.keep)
         return _gamma_of_difference(self.periods)
 
 
 def velocity_filter(spring: Spring, period_s: float) -> tuple[int, float]:
-    """Periods n over which positions are differenced, and the fraction a = e^(−2π f T) of the estimate that stays."""
+    """Periods n of the position difference, and the fraction a = e^(−2π f T) of the estimate that remains after a period."""
     if spring.velocity_estimate == "difference":
         return spring.velocity_periods, 0.0
     return 1, math.exp(-2.0 * math.pi * spring.velocity_cutoff_hz * period_s)
@@ -80,14 +80,14 @@ def _gamma_of_difference(periods: int) -> float:
 
 
 def passive_beta(numbers: Dimensionless, damper: Damper) -> float:
-    """Least β for passivity: ½ + γβ_v, and λ(τ_D, β_v) where there is delay."""
+    """Smallest β for passivity: ½ + γβ_v, with delay λ(τ_D, β_v)."""
     if numbers.tau_d == 0.0:
         return 0.5 + damper.gamma * damper.beta_v
     return float(lambda_(numbers.tau_d, damper.beta_v))
 
 
 def passive_viscous(config: Config, latency_s: float = 0.0) -> float:
-    """Least viscous friction b in N m s/rad or N s/m for passivity, KT λ(τ_D, β_v), with or without a spring."""
+    """Smallest viscous friction b in N m s/rad or N s/m for passivity, KT λ(τ_D, β_v), with or without a spring."""
     loop = loop_from_config(config, latency_s)
     K, T, B = loop.stiffness, loop.period, loop.damping
     if loop.delay == 0.0:
@@ -97,10 +97,10 @@ def passive_viscous(config: Config, latency_s: float = 0.0) -> float:
 
 
 def passive_stiffness(config: Config, loop: Loop, damping: FloatArray) -> FloatArray:
-    """Largest K for passivity with each virtual damping B; 0 where none will do. It is `passive_viscous` solved for K.
+    """Largest K for passivity with each virtual damping B, 0 if none: `passive_viscous` solved for K.
 
     Args:
-        config: whose velocity estimate is used. loop: in SI units; its own stiffness does not matter.
+        config: for the velocity estimate. loop: in SI units; its stiffness is not used.
         damping: (n,) B in N m s/rad or N s/m.
     """
     b, T, h = loop.viscous, loop.period, 0.5 * loop.period + loop.delay
@@ -112,7 +112,7 @@ def passive_stiffness(config: Config, loop: Loop, damping: FloatArray) -> FloatA
 
 
 def _between(loop: Loop) -> float:
-    """f(1 − f) of the delay: 0 where it is a whole number of periods."""
+    """f(1 − f) of the delay: 0 for a whole number of periods."""
     f = loop.delay / loop.period
     f -= math.floor(f)
     return f * (1.0 - f)

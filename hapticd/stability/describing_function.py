@@ -1,20 +1,20 @@
 """Describing functions of device and encoder, and the two families of limit cycles (eq. 62–75, Fig. 11, 12).
 
-The loop is assumed to oscillate as ξ = M sin ωτ. The encoder then looks like the real gain D(M), the device like
-G(M, ω), the zero-order hold like half a period of delay, τ_L = ½ + τ_D, and a cycle exists where
+The loop is assumed to oscillate as ξ = M sin ωτ. The encoder is then the real gain D(M), the device is
+G(M, ω), the zero-order hold is half a period of delay, τ_L = ½ + τ_D, and a cycle exists where
 G e^{−jτ_Lω} = −1/D (62), that is, where
 
     D(M) cos τ_Lω = μω² − κ,        D(M) sin τ_Lω = βω + 4σ/(πM).
 
-κ is the stiffness of a hand relative to the spring's, 0 in the paper. Here D is kept whole; the paper's approximations
-D ≈ 2/(πM) for M < 1 and D ≈ 1 for M > 1 have functions of their own. (In (71) the left sides are 1·cos and 1·sin.)
-M in ticks, ω in rad per period. Functions broadcast unless they say otherwise.
+κ is the stiffness of a hand relative to the spring's, 0 in the paper. D is used without approximation; the paper's
+D ≈ 2/(πM) for M < 1 and D ≈ 1 for M > 1 are separate functions. (In (71) the left sides are 1·cos and 1·sin.)
+M in ticks, ω in rad per period. Functions broadcast unless stated otherwise.
 
 For every amplitude the real part gives the frequency and the imaginary part the net gain (`balance`), whose zeros are limit
-cycles, stable where it falls through zero as the amplitude grows (Loeb). Below one tick there is at most one: M times the
-gain falls with M there. Above, D(M) has a kink with vertical tangent at every whole tick, so each interval [l, l + 1] is
-searched with points that crowd at l; from 40 ticks on D is nearly 1 and only the paper's large-amplitude cycle is left. Near
-β = τ_L the ripple of D about 1 makes a ladder of stable cycles above one tick.
+cycles, stable where it decreases through zero as the amplitude grows (Loeb). Below one tick there is at most one: M times
+the gain decreases with M there. Above, D(M) has a kink with vertical tangent at every whole tick, so each interval [l, l +
+1] is searched with points that are denser near l; from 40 ticks on D is nearly 1 and only the paper's large-amplitude cycle
+is left. Near β = τ_L the ripple of D about 1 gives several stable cycles above one tick.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def nyquist(
 def frequency(gain: ArrayLike, mu: float, tau_l: float, kappa: float = 0.0) -> FloatArray:
     """The one ω in (0, π/τ_L) with D cos τ_Lω = μω² − κ, for each gain D > 0; first line of (62), (68), (71).
 
-    Without a hand it lies below π/(2τ_L). Not a number where a hand is so stiff that there is none.
+    Without a hand it lies below π/(2τ_L). NaN if a hand is so stiff that there is none.
     """
     D = np.asarray(gain, dtype=np.float64)
     low, high = np.zeros_like(D), np.full_like(D, np.pi / tau_l)
@@ -93,9 +93,9 @@ def frequency(gain: ArrayLike, mu: float, tau_l: float, kappa: float = 0.0) -> F
 
 
 def balance(M: ArrayLike, numbers: Dimensionless) -> tuple[FloatArray, FloatArray]:
-    """How an oscillation of amplitude M fares: (ω, D sin τ_Lω − βω − 4σ/(πM)) with ω(M) from `frequency`.
+    """Frequency and net gain of an oscillation of amplitude M: (ω, D sin τ_Lω − βω − 4σ/(πM)), ω(M) from `frequency`.
 
-    The second value is the net gain: positive, the amplitude grows; zero, a limit cycle; negative, it shrinks.
+    Net gain positive: the amplitude grows; zero: a limit cycle; negative: it decreases.
     """
     amplitude, n = np.asarray(M, dtype=np.float64), numbers
     gain = encoder_gain(amplitude)
@@ -137,7 +137,7 @@ def large_sigma_series(beta: ArrayLike, M: ArrayLike, mu: float, tau_l: float) -
 
 
 def stability_sigma(beta: ArrayLike, mu: float, tau_l: float) -> FloatArray:
-    """Least σ for stability of oscillations above one tick (eq. 75): π(τ_L − β)/(4√μ), for μ ≫ τ_L²/2."""
+    """Smallest σ for stability of oscillations above one tick (eq. 75): π(τ_L − β)/(4√μ), for μ ≫ τ_L²/2."""
     return np.asarray(np.pi / (4.0 * np.sqrt(mu)) * (tau_l - np.asarray(beta, dtype=np.float64)))
 
 
@@ -170,7 +170,7 @@ def limit_cycles(numbers: Dimensionless) -> list[LimitCycle]:
 
 
 def settled_cycle(numbers: Dimensionless, amplitude: float) -> LimitCycle | None:
-    """The stable limit cycle that an oscillation of this amplitude ends in; None if it grows for ever or dies out.
+    """The stable limit cycle in which an oscillation of this amplitude ends; None if it grows without bound or dies out.
 
     Args:
         numbers: the operating point.
@@ -183,7 +183,7 @@ def settled_cycle(numbers: Dimensionless, amplitude: float) -> LimitCycle | None
 
 
 def predicted_cycle(numbers: Dimensionless) -> LimitCycle | None:
-    """The oscillation that the smallest disturbance grows into: None if it dies out, or grows without bound.
+    """The limit cycle that starts from the smallest disturbance; None if that dies out, or grows without bound.
 
     It exists for σ < ½ only (Sec. VII-C).
     """

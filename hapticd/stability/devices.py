@@ -1,6 +1,6 @@
-"""Table II: six haptic devices and a human operator, recomputed from the printed columns beside the printed results.
+"""Table II: six haptic devices and a human operator, recomputed from the printed columns and compared.
 
-The columns are kept as printed, because their last digit says how far they may be rounded: a printed μ, β or σ that no
+The columns are stored as printed, because the last digit gives the rounding interval: a printed μ, β or σ that no
 unrounded values of its row can give is not a rounding difference.
 """
 
@@ -14,7 +14,7 @@ from typing import Final
 from hapticd.stability.numbers import Loop
 from hapticd.stability.tuning import grip_damping
 
-#: The period behind the printed 0.33 ms of Delta and Omega: only 1/3 ms gives their printed μ.
+#: True period of Delta and Omega, printed as 0.33 ms: only 1/3 ms gives their printed μ.
 THIRD_OF_A_MILLISECOND: Final = 1e-3 / 3.0
 
 
@@ -34,7 +34,7 @@ class Device:
         beta: printed β.
         sigma: printed σ.
         slug: preset name.
-        note: why printed and recomputed numbers differ, where rounding alone does not say it.
+        note: why printed and recomputed numbers differ, if not by rounding alone.
     """
 
     name: str
@@ -71,7 +71,7 @@ class Device:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One printed number of Table II beside ours.
+    """One printed number of Table II and its recomputed value.
 
     Attributes:
         device: device name.
@@ -137,7 +137,7 @@ HUMAN_OPERATOR: Final = Hand(inertia=0.150, damping=4.8, stiffness=600.0)
 
 
 def rounding(printed: str) -> tuple[float, float]:
-    """The interval of numbers that round to this printed one: half a unit of its last digit to either side."""
+    """The interval of numbers that round to the printed one: ± half a unit of its last digit."""
     half = Decimal((0, (5,), int(Decimal(printed).as_tuple().exponent) - 1))
     return float(Decimal(printed) - half), float(Decimal(printed) + half)
 
@@ -177,10 +177,10 @@ def compare(device: Device) -> list[Comparison]:
 
 
 def grip_fraction(loop: Loop, hand: Hand = HUMAN_OPERATOR) -> float:
-    """Least fraction of a hand's damping that brings β to ½ + τ_D, out of E into A (Sec. III-B).
+    """Smallest fraction of a hand's damping that brings β to ½ + τ_D, from E to A (Sec. III-B).
 
     Returns:
-        0 if the device has enough of its own; above 1 if this hand is not enough; infinite for a hand without damping.
+        0 if the device has enough damping; above 1 if this hand is not enough; infinite for a hand without damping.
     """
     missing = grip_damping(loop)
     if missing == 0.0:

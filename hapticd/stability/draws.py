@@ -1,4 +1,4 @@
-"""Draws of a plant that is uncertain (``plant.uncertainty``): inertia and frictions log-normal, the delay normal."""
+"""Random draws of an uncertain plant (``plant.uncertainty``): inertia and frictions log-normal, the delay normal."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _SEED: Final = 1
 
 
 def normals(uncertainty: Uncertainty, log2_draws: int) -> NDArray[np.float64]:
-    """Standard normal errors of `PARAMETERS`, correlated as the config says, the same at every call.
+    """Standard normal errors of `PARAMETERS`, with the config's correlations, the same at every call.
 
     From a scrambled Sobol sequence; shape (2^log2_draws, 4).
     """
-    from scipy.stats import qmc  # half a second, which a config without uncertainty does not wait for
+    from scipy.stats import qmc  # its import takes half a second, and only a config with uncertainty needs it
 
     uniform = qmc.Sobol(len(PARAMETERS), seed=_SEED).random_base2(log2_draws)
     values, vectors = np.linalg.eigh(np.asarray(uncertainty.matrix))
@@ -35,5 +35,5 @@ def deviations(uncertainty: Uncertainty) -> NDArray[np.float64]:
 
 
 def moved(value: float, error: float) -> float:
-    """Log-normal: a friction never becomes negative; one that is 0 has only one side to go to."""
+    """A value with a log-normal error, never negative; a value of 0 can only grow."""
     return value * float(np.exp(error / value)) if value > 0.0 else abs(error)

@@ -1,4 +1,4 @@
-"""What `hapticd.stability.energy_replay` works with, as records: the model, what moves in it, what is booked.
+"""Records of `hapticd.stability.energy_replay`: the model, its state, the energies.
 
 SI units; positions from the spring's origin, J.
 """
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 #: The device and its spring.
 MODEL: Final = np.dtype(
     [
-        ("inertia", "f8"),  # with the hand's, as the viscous friction
+        ("inertia", "f8"),  # of device and hand, like the viscous friction
         ("viscous", "f8"),
         ("coulomb", "f8"),
         ("hand_stiffness", "f8"),
-        ("hand_rest", "f8"),  # where the hand's spring is relaxed
+        ("hand_rest", "f8"),  # rest position of the hand's spring
         ("stiffness", "f8"),  # K
         ("tick", "f8"),  # Δ, coarse
         ("bias", "f8"),  # ½, or 0 without the half tick
@@ -32,7 +32,7 @@ MODEL: Final = np.dtype(
         ("origin", "i8"),  # raw count of the spring's origin
         ("torque_constant", "f8"),
         ("lag", "f8"),  # T_A and the driver's latency
-        ("within_period", "f8"),  # what T_V is beyond whole periods
+        ("within_period", "f8"),  # T_V modulo the period
     ],
     align=True,
 )
@@ -40,41 +40,41 @@ MODEL: Final = np.dtype(
 ENERGIES: Final = np.dtype(
     [
         ("stored", "f8"),  # H_T (35)
-        ("start", "f8"),  # what was stored at the start
+        ("start", "f8"),  # stored at the start
         ("viscous", "f8"),  # dissipated by viscous friction
         ("coulomb", "f8"),  # by Coulomb friction
         ("generated", "f8"),  # by sampling, quantisation and delay
-        ("unexplained", "f8"),  # a hand's work and the model's errors
+        ("unexplained", "f8"),  # work of the hand, and model errors
         ("settings", "f8"),  # work of changed settings
-        ("put_out", "f8"),  # what the passivity observer sees: the current's work on the way between the counts
-        ("observed", "f8"),  # and what of that the spring had not stored
+        ("put_out", "f8"),  # of the passivity observer: work of the current between the counts
+        ("observed", "f8"),  # the part of it that the spring had not stored
     ]
 )
-#: Where the mass was: when the row was read; and while its force acted, at start and end and at the extremes.
-PLACES: Final = np.dtype([(name, "f8") for name in ("sampled", "start", "end", "low", "high")])
-#: A force on its way: from when it acts, and of which row.
+#: Positions of the mass: when the row was read; and while its force acted, at start, end, minimum and maximum.
+POSITIONS: Final = np.dtype([(name, "f8") for name in ("sampled", "start", "end", "low", "high")])
+#: A force that does not act yet: the time from which it acts, and its row.
 COMMAND: Final = np.dtype([("time", "f8"), ("force", "f8"), ("row", "i8")])
 QUEUE_LENGTH: Final = 4096
-#: All that is kept from row to row.
+#: State from row to row.
 REPLAY: Final = np.dtype(
     [
         ("model", MODEL),
         ("energies", ENERGIES),
-        ("time", "f8"),  # up to which the model has moved
+        ("time", "f8"),  # of the model
         ("position", "f8"),
         ("velocity", "f8"),
-        ("force", "f8"),  # that acts, and
-        ("acting", "i8"),  # the row it is of, counted in this call; −1 where that is not of it
+        ("force", "f8"),  # that acts
+        ("acting", "i8"),  # its row, counted in this call; −1 if of an earlier call
         ("began", "i8"),  # rows before this call
         ("rows", "i8"),
-        ("tick", "i8"),  # of the last row, as the next four
+        ("tick", "i8"),  # of the last row, like the next four
         ("counts", "i8"),  # from the spring's origin
         ("current", "f8"),
         ("running", "?"),
         ("excited", "?"),
-        ("seen", "?"),  # whether there was one
-        ("head", "i8"),  # commands put into the queue, and
-        ("tail", "i8"),  # taken out of it
+        ("seen", "?"),  # whether there was a row
+        ("head", "i8"),  # commands put into the queue
+        ("tail", "i8"),  # commands taken out
         ("queue", COMMAND, QUEUE_LENGTH),
     ],
     align=True,
@@ -86,7 +86,7 @@ def model_of(config: Config, latency_s: float = 0.0, origin_counts: int | None =
 
     Args:
         config: a resolved configuration. latency_s: the driver's declared latency.
-        origin_counts: raw count of the spring's origin in force; None: the config's.
+        origin_counts: raw count of the spring's present origin; None: the config's.
     """
     model = np.zeros((), MODEL)
     raw, origin = config.raw_resolution, config.origin_counts if origin_counts is None else origin_counts
@@ -102,6 +102,6 @@ def model_of(config: Config, latency_s: float = 0.0, origin_counts: int | None =
     model["torque_constant"] = config.amplifier.torque_constant
     model["lag"] = config.amplifier.delay + latency_s
     periods = config.delay.computation_s / config.period
-    # a delay of whole periods must not become one of a whole period less a rounding
+    # rounding must not move a delay of whole periods below that number
     model["within_period"] = max(0.0, periods - math.floor(periods + 1e-6)) * config.period
     return model

@@ -1,13 +1,13 @@
-"""Energies of a run through the model: recorded commands drive the exact device model, the encoder keeps it on track.
+"""Energies of a run, estimated by a model: recorded commands drive the exact device model, encoder counts correct it.
 
-A recording has neither the velocity nor the place between two counts, so its energies can only be estimated. The model of
-the config is moved exactly from sample to sample under the recorded currents, each from the instant at which it acted:
-the row's time, its lateness, the part of T_V below a period (whole periods are in the recorded current already), T_A and
-the driver's latency. Where the model is not within the count that was read, it is moved there, and what a wrong place
-of one count cannot explain is taken for a wrong velocity.
+A recording has neither velocity nor position between two counts, so its energies can only be estimated. The model of
+the config is moved exactly from sample to sample under the recorded currents, each from the instant at which it acts:
+the row's time, plus its lateness, T_V modulo the period (the recorded current contains the whole periods), T_A and
+the driver's latency. If the model is outside the count that was read, it is moved into it, and a difference that a position
+error of one count cannot explain corrects the velocity.
 
-Such a correction is motion too: friction and the spring are booked on it, and what then is missing in the balance (26) is
-the work that nobody recorded: a hand's ∫φ_H ξ̇, and the errors of the model. It is kept apart as ``unexplained``.
+A correction counts as motion: the energies of friction and spring are computed on it, and the remainder of the balance (26)
+is the work that is not recorded: a hand's ∫φ_H ξ̇, and the errors of the model. It is stored separately, as ``unexplained``.
 
 SI units; positions from the spring's origin. The same kernel serves run files and the running daemon.
 """
@@ -31,7 +31,7 @@ from hapticd.record.schema import (
     Rows,
     check_rows,
 )
-from hapticd.stability.energy_records import ENERGIES, PLACES, QUEUE_LENGTH, REPLAY, model_of
+from hapticd.stability.energy_records import ENERGIES, POSITIONS, QUEUE_LENGTH, REPLAY, model_of
 from hapticd.stability.passivity import spring_potential
 from hapticd.stability.segments import move
 
@@ -39,13 +39,13 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 _MASK = QUEUE_LENGTH - 1
-#: Share of a correction within one count that is taken for a wrong velocity.
+#: Share of a correction within one count that corrects the velocity.
 _GAIN = 0.1
 
 _f8 = types.float64
 _replay = from_dtype(REPLAY)
-_replays, _rows, _energies, _places = (
-    types.Array(from_dtype(record), 1, "C") for record in (REPLAY, ROW, ENERGIES, PLACES)
+_replays, _rows, _energies, _positions = (
+    types.Array(from_dtype(record), 1, "C") for record in (REPLAY, ROW, ENERGIES, POSITIONS)
 )
 
 
@@ -57,15 +57,15 @@ def _potential(r: Any, x: float) -> float:
 
 @njit(_f8(_replay), counted=False)
 def _stored(r: Any) -> float:
-    """H_T (35) of the model's present state in J, a hand's spring included."""
+    """H_T (35) of the model's present state in J, with the energy of a hand's spring."""
     stretch = r.position - r.model.hand_rest
     elastic = _potential(r, r.position) + 0.5 * r.model.hand_stiffness * stretch * stretch
     return float(elastic + 0.5 * r.model.inertia * r.velocity * r.velocity)
 
 
-@njit(types.void(_replay, _f8, _places), inline=True, counted=False)
-def _advance(r: Any, until: float, places: NDArray[Any]) -> None:
-    """Move the model under its present force, and book the energies while the spring is rendered."""
+@njit(types.void(_replay, _f8, _positions), inline=True, counted=False)
+def _advance(r: Any, until: float, positions: NDArray[Any]) -> None:
+    """Move the model under its present force, and add up the energies while the spring is rendered."""
     dt = until - r.time
     if not dt > 0.0:
         return
@@ -81,32 +81,32 @@ def _advance(r: Any, until: float, places: NDArray[Any]) -> None:
     r.energies.viscous += drag
     r.energies.coulomb += model.coulomb * path
     r.energies.generated += r.force * (x - begin) + _potential(r, x) - _potential(r, begin)
-    if 0 <= r.acting < len(places):
-        place = places[r.acting]
-        place.low = min(place.low, low + rest)
-        place.high = max(place.high, high + rest)
+    if 0 <= r.acting < len(positions):
+        position = positions[r.acting]
+        position.low = min(position.low, low + rest)
+        position.high = max(position.high, high + rest)
 
 
-@njit(types.void(_replay, _f8, _places), counted=False)
-def _advance_through_commands(r: Any, until: float, places: NDArray[Any]) -> None:
+@njit(types.void(_replay, _f8, _positions), counted=False)
+def _advance_through_commands(r: Any, until: float, positions: NDArray[Any]) -> None:
     while r.tail < r.head:
         command = r.queue[r.tail & _MASK]
         if command.time > until:
             break
-        _advance(r, command.time, places)
-        if 0 <= r.acting < len(places):
-            places[r.acting].end = r.position
+        _advance(r, command.time, positions)
+        if 0 <= r.acting < len(positions):
+            positions[r.acting].end = r.position
         r.force, r.acting = command.force, command.row - r.began
-        if 0 <= r.acting < len(places):
-            place = places[r.acting]
-            place.start = place.low = place.high = r.position
+        if 0 <= r.acting < len(positions):
+            position = positions[r.acting]
+            position.start = position.low = position.high = r.position
         r.tail += 1
-    _advance(r, until, places)
+    _advance(r, until, positions)
 
 
 @njit(types.void(_replay, _f8), counted=False)
 def _correct(r: Any, dt: float) -> None:
-    """Bring the model into the count that was read; friction and spring are booked on the way there."""
+    """Move the model into the count that was read, with the energies of friction and spring."""
     model, energies, x = r.model, r.energies, r.position
     raw = model.count
     low, high = r.counts * raw, (r.counts + 1.0 - 1e-9) * raw
@@ -130,7 +130,7 @@ def _correct(r: Any, dt: float) -> None:
 
 @njit(types.void(_replay, types.int64), inline=True, counted=False)
 def _observe(r: Any, counts: int) -> None:
-    """What `hapticd.servo.passivity` books for the period before a row."""
+    """The energies of `hapticd.servo.passivity` in the period before a row."""
     before, now = (r.counts + 0.5) * r.model.count, (counts + 0.5) * r.model.count
     work = r.current * r.model.torque_constant * (now - before)
     r.energies.put_out += work
@@ -139,9 +139,9 @@ def _observe(r: Any, counts: int) -> None:
 
 @njit(types.void(_replay, types.int64, _f8), counted=False)
 def _begin_anew(r: Any, counts: int, now: float) -> None:
-    """Place the model in the middle of the count that was read: at the first row, and where rows are lost.
+    """Set the model to the middle of the count that was read: at the first row, and after lost rows.
 
-    The velocity at the first row is the one that the state was made with.
+    The velocity at the first row is that of the initial state.
     """
     before = _stored(r)
     dt = now - r.time
@@ -153,14 +153,14 @@ def _begin_anew(r: Any, counts: int, now: float) -> None:
         r.energies.unexplained += _stored(r) - before
 
 
-@njit(types.void(_replays, _rows, _energies, _places), counted=False)
-def replay(kept: NDArray[Any], rows: Rows, energies: NDArray[Any], places: NDArray[Any]) -> None:
-    """Take in the next rows.
+@njit(types.void(_replays, _rows, _energies, _positions), counted=False)
+def replay(kept: NDArray[Any], rows: Rows, energies: NDArray[Any], positions: NDArray[Any]) -> None:
+    """Process the next rows.
 
     Args:
         kept: (1,) of `REPLAY`, from call to call. rows: (n,) of `record.ROW`, in order.
         energies: (n,) of `ENERGIES` after each row, or (0,).
-        places: (n,) of `PLACES`, or (0,); left as they are where the force did not act to its end.
+        positions: (n,) of `POSITIONS`, or (0,); unchanged where the force did not act to its end.
     """
     r = kept[0]
     r.began, r.acting = r.rows, -1
@@ -175,7 +175,7 @@ def replay(kept: NDArray[Any], rows: Rows, energies: NDArray[Any], places: NDArr
             _begin_anew(r, counts, now)
             r.counts = counts
         else:
-            _advance_through_commands(r, now, places)
+            _advance_through_commands(r, now, positions)
             if r.running and not r.excited:
                 _observe(r, counts)
             r.counts = counts
@@ -203,22 +203,22 @@ def replay(kept: NDArray[Any], rows: Rows, energies: NDArray[Any], places: NDArr
         r.rows += 1
         if len(energies) > 0:
             energies[k] = r.energies
-        if len(places) > 0:
-            places[k].sampled = r.position
+        if len(positions) > 0:
+            positions[k].sampled = r.position
 
 
-_NO_ENERGIES, _NO_PLACES = np.zeros(0, ENERGIES), np.zeros(0, PLACES)
+_NO_ENERGIES, _NO_POSITIONS = np.zeros(0, ENERGIES), np.zeros(0, POSITIONS)
 
 
 class EnergyEstimate:
-    """Stored, dissipated and generated energy since the last start, through the model (`energy_replay`).
+    """Stored, dissipated and generated energy since the last start, estimated by the model (`energy_replay`).
 
-    Rows without ``FLAG_RUNNING`` keep the model on track and book nothing; each start begins anew. One thread calls
-    `update` and `configure`; `status` may be called from another and is then at most one row's sums out of step.
+    Rows without ``FLAG_RUNNING`` correct the model and add no energy; each start resets the energies. One thread calls
+    `update` and `configure`; `status` may be called from another, and its sums may then differ by one row.
 
     Args:
-        config: the config in force. latency_s: the driver's declared latency.
-        origin_counts: raw count of the spring's origin in force; None: the config's.
+        config: the present config. latency_s: the driver's declared latency.
+        origin_counts: raw count of the spring's present origin; None: the config's.
         velocity: at the first row, in rad/s or m/s.
 
     Example:
@@ -236,9 +236,9 @@ class EnergyEstimate:
         self._kept["velocity"] = velocity
 
     def configure(self, config: Config, latency_s: float = 0.0, origin_counts: int | None = None) -> None:
-        """Take changed settings into force from the next row on.
+        """Use changed settings from the next row on.
 
-        What the spring holds more or less because of them is work of the settings, kept apart in ``settings_J``.
+        The change of the spring's stored energy is the work of the settings, ``settings_J``.
         """
         r, model = self._kept[0], model_of(config, latency_s, origin_counts)
         before = _stored(r)
@@ -253,17 +253,17 @@ class EnergyEstimate:
 
     @property
     def origin_counts(self) -> int:
-        """Raw count of the spring's origin in force."""
+        """Raw count of the spring's present origin."""
         return int(self._kept[0]["model"]["origin"])
 
     def update(self, rows: Rows) -> None:
-        """Take in the next rows, (n,) of `record.ROW` in order; n may be 0.
+        """Process the next rows, (n,) of `record.ROW` in order; n may be 0.
 
         Raises:
             TypeError: the rows are not of `record.ROW`.
         """
         check_rows(rows)
-        replay(self._kept, np.ascontiguousarray(rows), _NO_ENERGIES, _NO_PLACES)
+        replay(self._kept, np.ascontiguousarray(rows), _NO_ENERGIES, _NO_POSITIONS)
 
     def status(self) -> dict[str, Any]:
         """Energies in J since the last start.
@@ -271,7 +271,7 @@ class EnergyEstimate:
         Returns:
             ``stored_J`` now and ``stored_at_start_J``; since then ``dissipated_J``, ``generated_J``, ``settings_J``
             (changed settings) and ``unexplained_J``: a hand's work and the model's errors. They balance:
-            stored = stored_at_start − dissipated + generated + settings + unexplained. ``estimate`` says what they are.
+            stored = stored_at_start − dissipated + generated + settings + unexplained. ``estimate``: how they are known.
         """
         energies = self._kept[0]["energies"]
         return {
@@ -285,13 +285,13 @@ class EnergyEstimate:
         }
 
     def replayed(self, rows: Rows) -> tuple[NDArray[Any], NDArray[Any]]:
-        """`update`, with what it found in every row.
+        """`update`, with the result of every row.
 
         Returns:
-            (n,) of `ENERGIES`, J, and (n,) of `PLACES`, rad or m, in which ``end`` is not a number where the row's force
+            (n,) of `ENERGIES`, J, and (n,) of `POSITIONS`, rad or m, in which ``end`` is NaN where the row's force
             is not known to its end.
         """
         check_rows(rows)
-        energies, places = np.zeros(rows.size, ENERGIES), np.full(rows.size, np.nan, PLACES)
-        replay(self._kept, np.ascontiguousarray(rows), energies, places)
-        return energies, places
+        energies, positions = np.zeros(rows.size, ENERGIES), np.full(rows.size, np.nan, POSITIONS)
+        replay(self._kept, np.ascontiguousarray(rows), energies, positions)
+        return energies, positions

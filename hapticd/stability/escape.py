@@ -1,13 +1,13 @@
-"""When growth is certain: the set of states from which a run can never come back.
+"""Proof of growth: the set of states from which a motion certainly grows without bound.
 
-Between two samples the loop of eq. 7–9 is linear but for two bounded disturbances: the quantiser's error in the command,
+Between two samples the loop of eq. 7–9 is linear except for two bounded disturbances: the quantisation error of the command,
 −⌊ξ⌋ − ½ = −ξ + q with |q| ≤ ½, and Coulomb friction, a force f(τ) with |f| ≤ σ whether the mass slides or sticks. With
-z = (ξ, ξ̇, commands under way) at a sample and w a left eigenvector of the linear part, wᵀA = λwᵀ,
+z = (ξ, ξ̇, pending commands) at a sample and w a left eigenvector of the linear part, wᵀA = λwᵀ,
 
     |wᵀz(h+1)| ≥ |λ| |wᵀz(h)| − d,      d = ½|wᵀb| + σ(|w_ξ| φ₂ + |w_ξ̇| φ₁)/μ,
 
-where φ₁, φ₂ are those of −β/μ (`hapticd.plant.exact`) and b is the way of a command into the state. If |λ| > 1 and once
-|wᵀz| > d/(|λ| − 1), it rises in every later period, without bound. If no |λ| exceeds 1, no run can grow for ever.
+where φ₁, φ₂ are those of −β/μ (`hapticd.plant.exact`) and b is the input vector of a command. If |λ| > 1 and once
+|wᵀz| > d/(|λ| − 1), it rises in every later period, without bound. If no |λ| exceeds 1, no motion grows without bound.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from hapticd.stability.whole_loop import is_bare
 
 FloatArray = NDArray[np.float64]
 
-# the bound is compared in floating point; a state this little outside is not called certain
+# relative margin for rounding
 _MARGIN = 1e-6
 
 
@@ -57,7 +57,7 @@ class Escape:
 
 
 def pending_commands(tau_d: float) -> int:
-    """How many commands are under way at a sample: ⌊τ_D⌋ + 1, the one that ends within the period included."""
+    """Number of pending commands at a sample: ⌊τ_D⌋ + 1, with the one that ends within the period."""
     return math.floor(tau_d) + 1
 
 
@@ -119,7 +119,7 @@ _LINEAR = ("mu", "beta", "tau_d")
 
 
 def growth_proofs(loops: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """What proves growth: (n,) which of the eigenvectors (m, 2, 2 + p), −1 for loops that are not bare; (n,) thresholds."""
+    """For proofs of growth: (n,) index of the eigenvector (m, 2, 2 + p), −1 for loops that are not bare; (n,) thresholds."""
     which, thresholds = np.full(loops.size, -1), np.full(loops.size, np.inf)
     places = np.flatnonzero(is_bare(loops))
     alike: dict[tuple[float, ...], list[int]] = {}
@@ -134,7 +134,7 @@ def growth_proofs(loops: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.fl
 
 
 def never_grows(loops: NDArray[Any]) -> NDArray[np.bool_]:
-    """Which loops (n,) theorem 2 keeps bounded, whatever their force's error is: β > λ(τ_D, β_v)."""
+    """Whether theorem 2 bounds each loop (n,), for any error of its force: β > λ(τ_D, β_v)."""
     lam = np.asarray(lambda_(loops["tau_d"], loops["beta_v"]))
     for k in np.flatnonzero(loops["natural"]):
         lam[k] = lagged(*(float(loops[name][k]) for name in ("tau_d", "natural", "ratio", "beta_v")))[0]

@@ -1,23 +1,23 @@
-"""What no theorem covers is explored: the whole loop, exactly, from thousands of starts.
+"""Exploration of a loop that no theorem covers: exact simulation of the whole loop from thousands of starts.
 
-A start is a place and a speed, and what the servo remembers: nothing, as when running begins; or that the shaft came at a
-steady speed; or that it stood and was struck. Places and speeds are spread evenly (a Kronecker sequence, the same for every
-loop) over the energies of all that the safety limits admit; where a motion is asked about, it is the first start, and the
-others have at most its energy. Where β > λ theorem 2 takes from faster ones what they have more: whatever goes faster than
-(q − σ)/(β − λ) in the mean loses energy, so that starts have at most three times that. A start
+A start is a position, a velocity and the servo's memory: empty, as when running begins; of a shaft that moved at constant
+velocity; or of a shaft at rest that got an impulse. Positions and velocities are spread evenly (a Kronecker sequence, the
+same for every loop) over all energies that the safety limits admit. A requested motion is the first start, and the others
+have at most its energy. If β > λ, by theorem 2 every motion with a mean speed above (q − σ)/(β − λ) loses energy, so that
+starts have at most three times that speed. A start
 
-* is at rest when stiction holds whatever the loop may still command;
-* buzzes when what it ends in stays below one tick: where Coulomb friction holds no tick (σ < ½) every motion ends so or
-  worse (Fig. 8b); elsewhere it is the damper, the converter or the dither that does it. Not stable, and admitted, with
-  the largest amplitude told;
-* *moves on* when it grows, or when its cycle passes one tick;
-* is undecided when its horizon ends before any of that. Who asks for an admission refuses it like one that moves on.
+* is at rest when stiction holds every force that the loop may still command;
+* buzzes when its final oscillation stays below one tick: if Coulomb friction cannot hold one tick (σ < ½) no motion comes to
+  rest (Fig. 8b); otherwise the damper, the converter or the dither causes it. Not stable, but admitted, with the largest
+  amplitude reported;
+* *moves on* when it grows, or when its cycle exceeds one tick;
+* is undecided when its horizon ends before that. The guard refuses it like one that moves on.
 
-Work is counted in periods and not in seconds, so that the same question has the same answer on every machine. None of n
-starts says that, of all starts drawn like these, fewer than 1 − 0.05^(1/n) move on, with 95 % confidence.
+The work is limited in periods, not in seconds, so that every machine gives the same result. If none of n starts moves on,
+fewer than 1 − 0.05^(1/n) of all starts drawn like these do, with 95 % confidence.
 
-``hapticd simulate`` repeats a start that moves on. Effects of the plant that are no edits of its base are left out, but for
-the lag of the amplifier; `Explored.approximate` names them.
+``hapticd simulate`` repeats a start that moves on. Effects of the plant that do not only edit its base parameters are left
+out, except the lag of the amplifier; `Explored.approximate` names them.
 """
 
 from __future__ import annotations
@@ -47,23 +47,23 @@ if TYPE_CHECKING:
     from hapticd.config import Config
     from hapticd.stability.cycles import Cycle
 
-#: Ticks per period where no limit is set.
+#: Largest speed in ticks per period if no limit is set.
 UNLIMITED: Final = 1e3
-#: So many parts of a period behind a current loop take as long as a period without; and with a hand's stiffness too.
+#: Parts of a period behind a current loop that cost as much as a period without one; the second with a hand's stiffness.
 _PARTS, _HELD_PARTS = 16, 2
-#: How far above what theorem 2 leaves the fastest start is, and so many ticks.
+#: Fastest start: a multiple of the speed from theorem 2, plus a number of ticks.
 _BEYOND, _TICKS = 3.0, 10.0
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is tried.
+    """Amount of work.
 
     Attributes:
-        starts: at most. periods: after which no further start begins; `least` starts run in any case.
-        horizon: periods after which one start is undecided. batch: starts that are run together.
-        until: amplitude in ticks of a cycle that is enough, undecided starts and growth included; None: all are run.
-        motion_rests: whether it is enough, too, that the motion asked about does not come to rest.
+        starts: at most. periods: total after which no further start begins. least: starts that always run.
+        horizon: periods after which one start is undecided. batch: starts that run together.
+        until: amplitude in ticks of a cycle that ends the exploration, as growth or an undecided start does; None: all run.
+        motion_rests: whether it also ends if the requested motion does not come to rest.
     """
 
     starts: int
@@ -78,7 +78,7 @@ class Effort:
 #: About a second, and about 0.1 s of one core.
 CHECK: Final = Effort(4096, 10_000_000, 200_000)
 GUARD: Final = Effort(2048, 400_000, 40_000, batch=8, least=16, until=ONE_TICK)
-#: What a change that is offered is checked with, and one draw of what is uncertain.
+#: For a proposed change, and for one draw of an uncertain plant.
 REMEDY: Final = Effort(256, 60_000, 15_000, batch=8, least=16, until=ONE_TICK)
 DRAW: Final = Effort(32, 20_000, 20_000, batch=16, least=16, until=ONE_TICK)
 
@@ -88,19 +88,19 @@ _COUNTS: Final = ("starts", "at_rest", "buzzing", "moving_on", "undecided", "gro
 
 @dataclass(frozen=True)
 class Explored:
-    """What became of many starts.
+    """Result of an exploration.
 
     Attributes:
-        starts: that were run. at_rest, buzzing, moving_on, undecided: what became of them. growing: of those that move on.
+        starts: number run. at_rest, buzzing, moving_on, undecided: number of each. growing: of those that move on.
         longest: periods of the longest run.
-        largest_cycle: amplitude in ticks of the largest oscillation that a start ended in; infinite where one grows.
-        worst_start: place and speed (ticks, ticks per period) of a start that moves on, or else is undecided, or else
-            buzzes; None where all rest. repeats: whether ``simulate`` repeats it, which begins with no memory;
-            worst_periods: how long it takes to show.
-        cycles: the oscillations that do not grow in which they end, the most frequent first.
-        of_ticks: whether a buzz is what ticks alone make of this device.
-        motion_rests: whether the motion asked about comes to rest; None without one.
-        approximate: what the runs take differently from the device.
+        largest_cycle: amplitude in ticks of the largest final oscillation; infinite if one grows.
+        worst_start: position and velocity (ticks, ticks per period) of a start that moves on, or else is undecided, or else
+            buzzes; None if all rest. repeats: whether ``simulate``, which starts with empty memory, repeats it.
+            worst_periods: how long that takes.
+        cycles: the final oscillations that do not grow, the most frequent first.
+        of_ticks: whether quantisation alone makes this device buzz.
+        motion_rests: whether the requested motion comes to rest; None without one.
+        approximate: differences between the simulation and the device.
     """
 
     starts: int
@@ -126,17 +126,17 @@ class Explored:
 
     @property
     def admissible(self) -> bool:
-        """Whether none moved on, and none is undecided."""
+        """Whether none moves on, and none is undecided."""
         return self.moving_on == self.undecided == 0
 
     @property
     def bound(self) -> float:
-        """The fraction of starts below which those that move on are with 95 % confidence, where none of these did."""
+        """Upper bound of the fraction of starts that move on, with 95 % confidence, if none of these did."""
         return float(1.0 - 0.05 ** (1.0 / self.starts))
 
     @property
     def words(self) -> str:
-        """One sentence without its stop."""
+        """The result as one sentence without full stop."""
         if self.moving_on or self.undecided:
             parts = []
             if self.moving_on:
@@ -161,7 +161,7 @@ class Explored:
         return text
 
     def command(self, period_s: float, arguments: str = "") -> str:
-        """How ``hapticd simulate`` with the configuration's arguments shows the worst start; empty where it does not."""
+        """The ``hapticd simulate`` command that shows the worst start; empty if it cannot."""
         if self.worst_start is None or not self.repeats:
             return ""
         xi, xi_dot = self.worst_start
@@ -172,7 +172,7 @@ class Explored:
 
     @property
     def ends(self) -> list[tuple[float, str, Cycle | None]]:
-        """What the starts end in: share, what it is called, and the cycle if it is one."""
+        """The final states of the starts: share, name, and the cycle if it is one."""
         others = (self.at_rest, "rest"), (self.growing, "growth"), (self.undecided, "undecided")
         told: list[tuple[float, str, Cycle | None]] = [(n / self.starts, name, None) for n, name in others if n]
         return told + [(cycle.share, cycle.words, cycle) for cycle in self.cycles]
@@ -199,14 +199,14 @@ def explore(
     skip: int = 0,
     jobs: int | None = 1,
 ) -> Explored:
-    """Run many starts of a configuration; the last answers are kept.
+    """Run many starts of a configuration; the last results are cached.
 
     Args:
         config: the configuration. latency_s: the driver's declared latency.
-        loop: in its place, another loop of the same kind, in SI units.
-        motion: place and speed of a motion, in ticks and ticks per period; None for all that the limits admit.
-        effort: how much is tried. skip: starts that were run before.
-        jobs: threads, None for one per core that this process may use; with 1 it runs in the thread that asks. The answer
+        loop: instead of the configuration's, another loop of the same kind, in SI units.
+        motion: position and velocity of a motion, in ticks and ticks per period; None for all that the limits admit.
+        effort: amount of work. skip: starts that were run before.
+        jobs: threads, None for one per core that this process may use; 1: in the calling thread. The result
             does not depend on it.
     """
     loop = loop or loop_from_config(config, latency_s)
@@ -230,14 +230,14 @@ def explore_loop(
     skip: int = 0,
     jobs: int | None = 1,
 ) -> Explored:
-    """The same of a loop, (1,) of `LOOP`, from starts with as much energy as ``reach`` ticks at rest, and no wider."""
+    """Explore a loop, (1,) of `LOOP`, from starts with at most the energy of ``reach`` ticks at rest, within ±``widest``."""
     return _explored(record.tobytes(), motion, reach, widest, effort, skip, jobs)
 
 
 def admitted(
     config: Config, loop: Loop, record: NDArray[Any], motion: tuple[float, float] | None
 ) -> tuple[float, float]:
-    """How far starts go: ticks at rest that have as much energy, and the widest place in ticks."""
+    """Limits of the starts: deflection at rest with their largest energy, and largest position; in ticks."""
     weight, widest = math.sqrt(min(float(record["mu"][0]), HEAVIEST)), math.inf
     if motion is None:
         limits = config.safety.max_velocity, config.safety.max_excursion
@@ -275,7 +275,7 @@ def _explored(
     motion_rests: bool | None = None
     with threads(jobs) as run:
         while done < effort.starts and (spent < effort.periods or each * done < effort.least):
-            # as many as there is likely to be time for, from what the starts before took
+            # as many as the remaining budget allows, estimated from the starts before
             left = (effort.periods - spent) * done // max(spent, 1) if done else 0
             first = _FEW if effort.until is not None and not done else effort.batch * _TOGETHER
             count = min(max(first, min(left, _AT_ONCE)), effort.starts - done)
@@ -299,14 +299,14 @@ def _explored(
     return _summary(np.concatenate(starts), np.concatenate(runs), np.concatenate(answers), of_ticks, motion_rests)
 
 
-#: Starts that are run first where one that moves on is enough; batches before it is asked whether there is time for more;
-#: most starts between two looks at the budget.
+#: Starts of the first group if one that moves on ends the exploration; batches between two checks of the budget;
+#: most starts between two checks.
 _FEW, _TOGETHER, _AT_ONCE = 4, 2, 256
 
 
 @contextmanager
 def threads(jobs: int | None) -> Iterator[Callable[[NDArray[Any], int, int], NDArray[Any]]]:
-    """What runs (n,) starts, so many periods at most, so many starts at a time: in the thread that asks or in several.
+    """A function that runs (n,) starts, with a limit of periods and a batch size: in the calling thread or in several.
 
     Args:
         jobs: threads; None for one per core that this process may use.
@@ -332,9 +332,9 @@ def _summary(
     goes_on = runs[np.isin(answers, (BUZZES, MOVES_ON)) & ~grows]
     worst, repeats, periods = None, False, 0
     if counted[AT_REST] < answers.size:
-        # of those that move on the largest, one that `simulate` can repeat before others
+        # of those that move on, the largest; those that `simulate` can repeat come first
         rank = np.array([3, 2, 0, 1])[answers]
-        rank[0] -= motion_rests is False  # the motion asked about before others like it
+        rank[0] -= motion_rests is False  # the requested motion before others like it
         order = np.lexsort((begun["known"], -cycles, rank))
         k = int(order[0])
         (worst, periods), repeats = ((float(begun["xi"][k]), float(begun["xi_dot"][k])), int(runs["periods"][k])), False
@@ -364,7 +364,7 @@ def _summary(
 
 
 def _repeated(begun: NDArray[Any], runs: NDArray[Any], answer: int) -> Iterator[tuple[tuple[float, float], Any]]:
-    """Starts without memory, of few digits, that have the same answer: these, or places on the way of these."""
+    """Starts without memory, of few digits, with the same result: these, or states on their trajectories."""
     for start, run in zip(begun, runs, strict=True):
         for xi, xi_dot in ((start["xi"], start["xi_dot"]), (run["xi"], run["xi_dot"])):
             if not (abs(xi) < 1e6 and math.isfinite(xi_dot)):
@@ -375,7 +375,7 @@ def _repeated(begun: NDArray[Any], runs: NDArray[Any], answer: int) -> Iterator[
             again["xi"], again["xi_dot"] = place
             found = loops.run_loops(again, _REPEATED)
             if answers_of(again, found)[0] == answer:
-                if found["reason"][0] == loops.ESCAPED:  # what is certain now has yet to show
+                if found["reason"][0] == loops.ESCAPED:  # growth is certain, but not yet visible
                     again["search"] = 0
                     found = loops.run_loops(again, _REPEATED)
                 yield place, found[0]

@@ -1,9 +1,9 @@
-"""The guard: may this spring be rendered? One place for the answer, one sentence for the reason.
+"""The guard: whether a spring may be rendered, and the reason in one sentence.
 
-What a theorem proves is admitted. Without a motion that is also what is proven of slow ones (``D|E``): every later motion
-is judged again when it begins. All else is explored (`hapticd.stability.explore`), with the starts for which there is time:
-admitted is where all come to rest, or end in a buzz below one tick (Fig. 8b), whose largest amplitude is told; refused is
-where one moves on, or is undecided. `explore_further` goes on from there in the background.
+A spring that a theorem proves stable is admitted; without a motion, a proof for slow motions is enough (``D|E``), because
+every later motion is judged when it begins. All others are explored (`hapticd.stability.explore`), with a limited number of
+starts: admitted if all come to rest or end in a buzz below one tick (Fig. 8b), whose largest amplitude is reported; refused
+if one moves on or is undecided. `explore_further` continues in the background.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ Policy = Literal["refuse", "warn", "off"]
 Verdict = Literal["admitted", "refused", "forced", "warned", "off"]
 
 _DAMPING_KEYS: Final = ("damping", "velocity_estimate", "velocity_periods", "velocity_cutoff_hz")
-_NO_HELP: Final = "no single change of one setting makes this stable; change two, or take a device with friction"
+_NO_HELP: Final = "no change of one setting makes this stable; change two, or use a device with more friction"
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the guard says.
+    """The guard's decision.
 
     Attributes:
-        verdict: ``admitted``: it dies out, or buzzes below one tick; else ``refused``, ``forced`` (asked for all the
-            same) or ``warned``, by policy; ``off``: the guard does not look.
-        reason: one sentence. region: of Fig. 3 or 5; None where nothing was worked out.
-        help: what would make it stable where no single change does; else empty.
-        predicted: what the loop would do, for replies and runs; None where it was not run ahead.
-        trips: whether it is a trip of its limits there that decides, and not theory.
-        remedies: the single changes that are enough, as ``hapticd check`` prints them.
+        verdict: ``admitted``: the motion dies out, or buzzes below one tick; else ``refused``, ``forced`` (rendered by
+            request) or ``warned``, by policy; ``off``: not checked.
+        reason: one sentence. region: of Fig. 3 or 5; None if nothing was computed.
+        help: advice if no single change makes it stable; else empty.
+        predicted: predicted motion, for replies and runs; None if not simulated.
+        trips: whether a predicted trip decides, and not the theory.
+        remedies: the single changes that are sufficient, as ``hapticd check`` prints them.
     """
 
     verdict: Verdict
@@ -53,7 +53,7 @@ class Judgement:
 
     @property
     def document(self) -> dict[str, Any]:
-        """It as data, for replies, runs and the log."""
+        """The decision as data, for replies, runs and the log."""
         return {
             "verdict": self.verdict,
             "reason": self.reason,
@@ -72,19 +72,19 @@ def judge(
     release: bool = False,
     force: bool = False,
 ) -> Judgement:
-    """Judge a configuration, and a motion if one is about to begin.
+    """Judge a configuration, and a motion if one is requested.
 
     Args:
-        config: the configuration to be put into force; its ``safety.guard`` is the policy.
+        config: the new configuration; its ``safety.guard`` is the policy.
         latency_s: the driver's declared sample-to-current latency, s.
-        deflection: where the shaft is at rest, in coarse ticks from the origin. velocity: or how fast it passes the
-            origin, in ticks per period. Neither: no motion is about to begin.
-        release: whether a smaller deflection is something that can be asked for.
-        force: go on all the same.
+        deflection: of the shaft at rest, in coarse ticks from the origin. velocity: or its velocity at the
+            origin, in ticks per period. Neither: no motion is requested.
+        release: whether a smaller deflection can be requested.
+        force: render it in any case.
     """
     policy: Policy = config.safety.guard
     if policy == "off":
-        return Judgement("off", "safety.guard is off: stability was not looked at")
+        return Judgement("off", "safety.guard is off: stability was not checked")
     loop = loop_from_config(config, latency_s)
     if loop.stiffness == 0.0 and loop.damping == 0.0:
         return Judgement("admitted", "spring.stiffness is 0: no spring is rendered", region(loop.numbers))
@@ -115,18 +115,17 @@ def explore_further(
     velocity: float | None = None,
     skip: int = 0,
 ) -> Explored | None:
-    """Go on with starts that a judgement had no time for; for a thread in the background while the spring is rendered.
+    """Run further starts after a judgement; for a background thread while the spring is rendered.
 
-    It takes about 0.1 s of one core in the thread that asks, starts none, and gives up the GIL while it works.
+    It takes about 0.1 s of one core in the calling thread, and releases the GIL.
 
     Args:
-        config, latency_s, deflection, velocity: what was judged.
-        skip: starts that were run before; 0 begins with those of the judgement, which are remembered.
+        config, latency_s, deflection, velocity: as in `judge`.
+        skip: starts that were run before; 0 begins with those of the judgement, which are cached.
 
     Returns:
-        What became of them: add ``starts`` to ``skip`` and ask again; where it is not ``admissible``, ``worst_start`` says
-        why (ticks, ticks per period), and ``words`` and ``command`` how to see it. None where a theorem leaves nothing to
-        explore.
+        Their result: add ``starts`` to ``skip`` for the next call. If it is not ``admissible``, ``worst_start`` is the
+        cause (ticks, ticks per period), and ``words`` and ``command`` describe it. None if a theorem covers the loop.
     """
     loop = loop_from_config(config, latency_s)
     if loop.stiffness == 0.0 and loop.damping == 0.0:
@@ -135,7 +134,7 @@ def explore_further(
     motion = (deflection or 0.0, velocity or 0.0) if asked else None
     proof = proof_of(config, loop)
     if proof is not None:
-        # without a motion slow ones are enough, as in `judge`
+        # without a motion a proof for slow ones is enough, as in `judge`
         fastest = Start.in_ticks(loop, *motion).xi_dot_max(loop) if motion else 0.0
         if fastest <= proof.speed_limit > 0.0:
             return None
@@ -143,7 +142,7 @@ def explore_further(
 
 
 def same_loop(old: Config, new: Config, latency_s: float) -> bool:
-    """Whether the theory sees no difference between two configurations."""
+    """Whether two configurations are the same in the theory."""
     if from_config(old, latency_s) != from_config(new, latency_s):
         return False
     return all(getattr(old.spring, key) == getattr(new.spring, key) for key in _DAMPING_KEYS)
@@ -156,7 +155,7 @@ def _verdict(policy: Policy, force: bool) -> Verdict:
 
 
 def _reason(found: Assessment) -> str:
-    """One sentence: where the loop is, and what was proven or found of the motion."""
+    """One sentence: the region of the loop, and what was proven or found for the motion."""
     motion = ""
     if found.deflection is not None:
         motion = f", at rest {number(found.deflection)} ticks from the origin"

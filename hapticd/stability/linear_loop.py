@@ -1,4 +1,4 @@
-"""The linear sampled loop, without ticks and Coulomb friction: its stability boundary, and the impedance that a hand feels.
+"""The linear sampled loop, without ticks and Coulomb friction: its stability boundary, and its impedance at the hand.
 
 **Boundary** (T. Hulin, C. Preusche, G. Hirzinger, "Stability boundary for haptic rendering: influence of physical damping",
 IROS 2006; with delay: T. Hulin, A. Albu-Schäffer, G. Hirzinger, "Passivity and stability boundaries for haptic systems with
@@ -8,13 +8,14 @@ x' = A x + Γ₁ f(k−⌊τ_D⌋−1) + Γ₀ f(k−⌊τ_D⌋), exact by the m
 
     q(z) = z⁻² det(zI − A) + z⁻² (1 0) adj(zI − A) (Γ₁ z⁻¹ + Γ₀) z^(−⌊τ_D⌋) H(z)
 
-has no zero on or outside the unit circle. q is analytic there and 1 at infinity, so by the argument principle it is enough
-that it does not turn around 0 as z goes around the circle: a sum of angles, however long the velocity's window is.
+has no zero on or outside the unit circle. q is analytic there and 1 at infinity, so by the argument principle it is
+sufficient that its winding number around 0 is zero as z goes around the circle: a sum of angles, for any length of the
+velocity window.
 
 **Impedance** (J. E. Colonnese, A. F. Siu, C. M. Abbott, A. M. Okamura, "Rendered and characterized closed-loop accuracy of
-impedance-type haptic displays", IEEE Trans. Haptics 8, 2015). A hand that moves the device by x = X e^(jωt) feels, up
-to half the servo rate, Z(jω) = mjω + b + H(e^(jωT)) · hold · e^(−jωT_D)/(jω): the stiffness K_eff = Re jωZ and the damping
-B_eff = Re Z, which begin at K and at b + B − K(T/2 + T_D).
+impedance-type haptic displays", IEEE Trans. Haptics 8, 2015). For a hand that moves the device by x = X e^(jωt) it is, up
+to half the servo rate, Z(jω) = mjω + b + H(e^(jωT)) · hold · e^(−jωT_D)/(jω), with the stiffness K_eff = Re jωZ and the
+damping B_eff = Re Z; at low frequency they are K and b + B − K(T/2 + T_D).
 """
 
 from __future__ import annotations
@@ -30,18 +31,18 @@ if TYPE_CHECKING:
     from hapticd.stability.storage import FloatArray
 
 VelocityFilter = tuple[int, float]
-"""Periods of the difference, and what a period leaves of the low-pass: `hapticd.stability.damping.velocity_filter`."""
+"""Periods of the difference, and the decay of the low-pass per period: `hapticd.stability.damping.velocity_filter`."""
 ComplexArray = NDArray[np.complex128]
 
-#: Angles on the half circle: as many that are slow, as many that are not, and so many more for each period of memory.
+#: Angles on the half circle: number near 0, number evenly spaced, and additional ones for each period of memory.
 _SLOW, _EVEN, _EACH = 300, 1200, 12
-#: K in units of m/T², and how often the first interval that holds the boundary is halved.
+#: K in units of m/T², and bisection steps in the first interval with the boundary.
 _SEARCHED: Final = np.geomspace(1e-6, 8.0, 64)
 _HALVINGS: Final = 40
 
 
 def _rendered(z: ComplexArray, period: float, velocity: VelocityFilter) -> ComplexArray:
-    """D(z): the velocity estimate's answer to a position, in 1/s."""
+    """D(z): transfer function from position to velocity estimate, in 1/s."""
     window, keep = velocity
     return np.asarray((1.0 - keep) / (1.0 - keep / z) * (1.0 - z**-window) / (window * period))
 
@@ -56,7 +57,7 @@ def _characteristic(loop: Loop, velocity: VelocityFilter) -> tuple[ComplexArray,
     angles = _EVEN + _EACH * (whole + velocity[0])
     theta = np.concatenate([[0.0], np.geomspace(1e-6, 0.02, _SLOW), np.linspace(0.02, math.pi, angles)[1:]])
     z = np.exp(1j * theta)
-    # position and way a period, so that nothing is large or small
+    # state in units of position and displacement per period, for a good condition number
     flow = np.array([[0.0, 1.0, 0.0], [-loop.hand_stiffness * T * T / m, -loop.viscous * T / m, T * T / m], [0.0] * 3])
     before, after = expm(late * flow), expm((1.0 - late) * flow)
     A = after[:2, :2] @ before[:2, :2]
@@ -73,11 +74,11 @@ def _stable(terms: tuple[ComplexArray, ComplexArray, ComplexArray], K: FloatArra
 
 
 def largest_stable(loop: Loop, velocity: VelocityFilter, damping: FloatArray) -> FloatArray:
-    """The boundary: the K up to which the linear loop is stable with each B, 0 where it is with none.
+    """The boundary: the K up to which the linear loop is stable with each B, 0 if with none.
 
     Args:
-        loop: in SI units, an arm in parallel included; its own stiffness and damping do not matter.
-        velocity: the estimate behind B. damping: (n,) B in N m s/rad or N s/m.
+        loop: in SI units, with an arm in parallel; its stiffness and damping are not used.
+        velocity: the estimate used for B. damping: (n,) B in N m s/rad or N s/m.
     """
     terms = _characteristic(loop, velocity)
     unit = loop.inertia / loop.period**2 * (1.0 + loop.viscous * loop.period / loop.inertia)
@@ -96,7 +97,7 @@ def largest_stable(loop: Loop, velocity: VelocityFilter, damping: FloatArray) ->
 
 
 def largest_damping(loop: Loop, velocity: VelocityFilter) -> float:
-    """The B up to which some stiffness is stable, to a per mille; 0 where none is."""
+    """The B up to which some stiffness is stable, to 0.1 %; 0 if none is."""
     unit = loop.inertia / loop.period + loop.viscous
     damping = np.append(0.0, unit * np.geomspace(1e-3, 8.0, 64))
     stable = np.flatnonzero(largest_stable(loop, velocity, damping))
@@ -108,10 +109,10 @@ def largest_damping(loop: Loop, velocity: VelocityFilter) -> float:
 
 
 def impedance(loop: Loop, velocity: VelocityFilter, hertz: FloatArray) -> ComplexArray:
-    """Z of the closed loop, force by velocity, that a hand feels; in N m s/rad or N s/m.
+    """Impedance Z of the closed loop at the hand, force over velocity; in N m s/rad or N s/m.
 
     Args:
-        loop: the device in SI units, without the hand. velocity: the estimate behind its B.
+        loop: the device in SI units, without the hand. velocity: the estimate used for its B.
         hertz: (n,) frequencies above 0, up to half the servo rate.
     """
     s = 2j * math.pi * np.asarray(hertz, dtype=np.float64)

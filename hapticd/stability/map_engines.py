@@ -1,7 +1,7 @@
-"""Who computes the chunks of a region map: the cores of this machine, or the workers of a Dask cluster.
+"""Engines that compute the chunks of a region map: the cores of this machine, or the workers of a Dask cluster.
 
-Both take the same chunks to the same function and yield results as they come. Chunks are independent, so neither order
-nor place nor a repeated computation after a worker's death changes a bit, as long as the processors are of one kind.
+Both call the same function for each chunk and yield results as they arrive. Chunks are independent, so on processors of
+one kind every bit is the same in any order, on any worker, and after a repetition for a lost worker.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ class ClusterError(Exception):
 
 
 def local(chunks: Sequence[Chunk], jobs: int | None = None) -> Results:
-    """Compute chunks on threads of this process; the compiled kernel holds no GIL.
+    """Compute chunks on threads of this process; the compiled kernel releases the GIL.
 
-    Closing the iterator, or an interrupt while it waits, ends the work after the chunks that are under way.
+    Closing the iterator, or an interrupt while it waits, ends the work after the present chunks.
 
     Args:
         chunks: what to compute.
@@ -47,12 +47,12 @@ def local(chunks: Sequence[Chunk], jobs: int | None = None) -> Results:
 
 
 def dask(chunks: Sequence[Chunk], address: str, connect_s: float = 10.0) -> Results:
-    """Compute chunks on the workers of a Dask cluster; a chunk whose worker dies is computed again by another.
+    """Compute chunks on the workers of a Dask cluster; the chunk of a lost worker is computed again by another.
 
     Args:
         chunks: what to compute.
         address: of the scheduler, e.g. ``tcp://host:8786``. Its workers must have hapticd installed.
-        connect_s: how long to wait for the scheduler.
+        connect_s: longest wait for the scheduler [s].
 
     Raises:
         ClusterError: ``distributed`` is not installed here, there is no scheduler, or a chunk failed on a worker.
@@ -68,13 +68,13 @@ def dask(chunks: Sequence[Chunk], address: str, connect_s: float = 10.0) -> Resu
     except (OSError, ValueError) as error:
         raise ClusterError(f"no Dask scheduler at {address}: {error or type(error).__name__}") from error
     with client:
-        # pure=False: a task of its own for every chunk, not the remembered result of an earlier study
+        # pure=False: a new task for every chunk, not the cached result of an earlier study
         futures = client.map(run_chunk, list(chunks), pure=False, retries=3)
         of = {future.key: chunk for future, chunk in zip(futures, chunks, strict=True)}
         try:
             for future in distributed.as_completed(futures, loop=client.loop):
                 try:
-                    # waits again where the worker that held this result has died since
+                    # waits again if the worker with this result was lost
                     points = future.result()
                 except Exception as error:
                     raise ClusterError(f"a chunk could not be computed: {error!r}") from error

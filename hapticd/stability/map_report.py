@@ -1,7 +1,7 @@
-"""Region maps against theory: what each region predicts, what the simulation found, and every point that disagrees.
+"""Region maps compared with theory: prediction of each region, result of the simulation, and every point that disagrees.
 
-A, E and F1 promise that motions die out, which is proven; F2 too, without a proof. B promises that motions stay small:
-a point that grows disagrees, and oscillations of one tick and more are listed. C cannot come to rest (σ < ½). D promises
+A, E and F1 predict that motions die out, which is proven; F2 too, without a proof. B predicts that motions stay small:
+a point that grows disagrees, and oscillations of one tick and more are listed. C cannot come to rest (σ < ½). D predicts
 nothing, because the criterion is a worst case.
 """
 
@@ -19,7 +19,7 @@ from hapticd.stability.maps import Maps, PointArray
 from hapticd.stability.outcome import OUTCOMES, PERSISTENT
 from hapticd.stability.storage import velocity_bound
 
-#: Outcomes that agree with what a region promises; a region not named promises nothing.
+#: Outcomes that agree with the prediction of a region; a region not named predicts nothing.
 PROMISED: Final[dict[str, frozenset[str]]] = {
     "A": frozenset({"monotone", "decaying"}),
     "B": frozenset({"monotone", "decaying", "persistent"}),
@@ -31,7 +31,7 @@ PROMISED: Final[dict[str, frozenset[str]]] = {
 
 
 def regions_of(maps: Maps, delay: int, velocity: int) -> NDArray[np.str_]:
-    """(β, σ) names of the theoretical regions of one map, for its initial velocity; `regions.region` for all at once."""
+    """(β, σ) names of the theoretical regions of one map, for its initial velocity; `regions.region` for arrays."""
     study = maps.study
     tau_d = study.delays[delay]
     bound = velocity_bound(0.0, study.velocities[velocity], study.mu, tau_d)
@@ -45,15 +45,15 @@ def regions_of(maps: Maps, delay: int, velocity: int) -> NDArray[np.str_]:
 
 
 def report(maps: Maps) -> dict[str, Any]:
-    """Agreement region by region, for every map and in all.
+    """Agreement by region, for every map and in total.
 
     Returns:
         ``points``, ``done``, ``holds`` (no finished point contradicts its region), ``regions`` (all maps together),
         ``maps`` (one entry a map: ``tau_d``, ``xi_dot_0``, ``outcomes``, ``regions``), ``exceptions`` (the points that
         contradict), ``b_one_tick`` (persistent points of B at or above one tick). A region has ``points``, the count of
-        each outcome, ``agree`` (a fraction, None where nothing is promised) and, in B, ``amplitude`` with ``median`` and
-        ``max`` in ticks over its persistent points that have settled, and how many are ``unsettled``, still on their
-        way to a smaller or larger oscillation at the horizon.
+        each outcome, ``agree`` (a fraction, None if nothing is predicted) and, in B, ``amplitude`` with ``median`` and
+        ``max`` in ticks over its persistent points that have settled, and the number ``unsettled``, whose amplitude
+        still changes at the horizon.
     """
     study = maps.study
     entries, found = [], []

@@ -1,7 +1,7 @@
-"""Region maps on disk: one ``.npz`` that describes itself, grows while the maps are made and lets a later run go on.
+"""Region maps on disk: one self-describing ``.npz``, updated during the computation, which a later run can continue.
 
 Arrays: ``beta`` (delays, β), ``sigma`` (σ,), ``tau_d`` (delays,), ``xi_dot_0`` (velocities,), and of shape (delays,
-velocities, β, σ): ``done`` and the fields of `maps.POINT`. ``metadata`` is a JSON text. Nothing in it is pickled.
+velocities, β, σ): ``done`` and the fields of `maps.POINT`. ``metadata`` is a JSON text. Nothing is pickled.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from hapticd.stability.sampled_loop import ESCAPED, HORIZON, LEFT, RECURRED, RES
 FORMAT: Final = 2
 
 _REASONS = {"rest": REST, "recurred": RECURRED, "escaped": ESCAPED, "left": LEFT, "horizon": HORIZON}
-# A study is written whole each time: so many seconds of work, or times the writing itself takes, can be lost to a power
-# cut (nothing to Ctrl-C).
+# Each write stores the whole study: at most this many seconds of work, or multiples of the writing time, are lost in a power
+# cut (nothing on Ctrl-C).
 _SAVE_EVERY_S: Final = 5.0
 _SAVE_FACTOR: Final = 20.0
 
 
 class MapFileError(Exception):
-    """A file of maps cannot be read, or holds other maps than those asked for."""
+    """A file of maps cannot be read, or contains other maps than requested."""
 
 
 def metadata(study: Study) -> dict[str, Any]:
-    """What the file says of itself."""
+    """The metadata of the file."""
     return {
         "what": "hapticd region maps",
         "format": FORMAT,
@@ -52,7 +52,7 @@ def metadata(study: Study) -> dict[str, Any]:
 
 
 def save(path: Path, maps: Maps) -> None:
-    """Write the maps through a temporary file beside the path, so that it is whole or as it was before."""
+    """Write the maps atomically, through a temporary file in the same folder."""
     study = maps.study
     arrays = {
         "beta": np.array([study.betas(tau_d) for tau_d in study.delays]),
@@ -71,7 +71,7 @@ def load(path: Path) -> Maps:
     """Read maps, finished or not.
 
     Raises:
-        MapFileError: it is no file of maps, or one of another format.
+        MapFileError: it is not a file of maps, or has another format.
         OSError: it cannot be read.
     """
     try:
@@ -91,10 +91,10 @@ def load(path: Path) -> Maps:
 
 
 def begin(path: Path, study: Study, *, force: bool = False) -> Maps:
-    """The maps to work on: those of the file if they are of this study, else new ones.
+    """The maps to compute: those of the file if they are of this study, else new ones.
 
     Raises:
-        MapFileError: the file holds something else, and ``force`` does not allow to replace it.
+        MapFileError: the file contains something else, and ``force`` is not set.
     """
     if force or not path.exists():
         return Maps(study)
@@ -102,7 +102,7 @@ def begin(path: Path, study: Study, *, force: bool = False) -> Maps:
     if maps.study != study:
         asked, has = asdict(study), asdict(maps.study)
         different = ", ".join(f"{name} {has[name]}" for name in asked if asked[name] != has[name])
-        raise MapFileError(f"{path} holds maps made with other options ({different})")
+        raise MapFileError(f"{path} contains maps made with other options ({different})")
     return maps
 
 
@@ -112,11 +112,11 @@ def fill(
     path: Path | None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Compute what is missing and keep the file up to date; whatever ends it, finished chunks are in the file.
+    """Compute the missing chunks and update the file; after any interruption the finished chunks are in the file.
 
     Args:
-        maps: what is known already; filled in place.
-        engine: takes the missing chunks and yields their results as they come.
+        maps: filled in place.
+        engine: takes the missing chunks and yields their results as they arrive.
         path: the file; None keeps the maps in memory only.
         progress: called with the fraction done.
     """

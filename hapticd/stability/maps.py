@@ -1,14 +1,14 @@
-"""Region maps (Sec. IV, Fig. 6 and 7): what becomes of a motion at every point of a (β, σ) grid, by exact simulation.
+"""Region maps (Sec. IV, Fig. 6 and 7): outcome of a motion at every point of a (β, σ) grid, by exact simulation.
 
-Outcome of a point, by rules that have no scale of their own:
+Outcome of a point, by rules without absolute thresholds:
 
-1. ``growing`` if the run reached a state from which growth is certain (`hapticd.stability.escape`).
-2. At rest, every force to come held by stiction: ``monotone`` if the energy never rose, else ``decaying``.
+1. ``growing`` if it reached a state from which growth is certain (`hapticd.stability.escape`).
+2. At rest, and stiction holds every later force: ``monotone`` if the energy never rose, else ``decaying``.
 3. Its state recurred bit for bit: ``persistent``.
 4. Still undecided at the horizon: the trend of the energy over the second half decides (`outcome.decide`), except where
-   it would contradict what is certain (`sampled_loop`); then it is ``persistent``.
+   it would contradict a proven fact (`sampled_loop`); then it is ``persistent``.
 
-Only rule 4 knows the horizon. With a delay, energies are compared at h + τ_D, where the theorem does.
+Only rule 4 depends on the horizon. With a delay, energies are compared at h + τ_D, as in the theorem.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from hapticd.stability.sampled_loop import HORIZON, RECURRED, REST, run_loops
 from hapticd.stability.storage import FloatArray
 from hapticd.stability.whole_loop import blank
 
-#: What is kept of a point. ``reason`` is one of `sampled_loop`'s; ``cycle`` is 0 where no exact recurrence was found;
+#: Result of a point. ``reason`` is one of `sampled_loop`'s; ``cycle`` is 0 if no exact recurrence was found;
 #: ``amplitude`` is half of peak to peak in ticks, 0 at rest, infinite when growing; ``omega`` is in rad per period;
-#: ``settled`` tells whether it has stopped changing: at rest, recurring, or energy constant over the tail within 1 %.
+#: ``settled``: at rest, recurring, or energy constant over the last stretches within 1 %.
 POINT: Final = np.dtype(
     [
         ("outcome", np.int8),
@@ -45,8 +45,8 @@ POINT: Final = np.dtype(
 
 PointArray = NDArray[Any]
 
-# A chunk is what is lost by an interrupt and what a worker takes at a time: a few milliseconds for the eight maps, more
-# points in a finer study, and never more periods than this, as far as possible.
+# A chunk is one task of a worker: a few milliseconds for the eight maps, more points in a finer study, and if possible never
+# more periods than this.
 _CHUNK_POINTS: Final = 84
 _CHUNKS: Final = 1000
 _CHUNK_PERIODS: Final = 1 << 26
@@ -61,13 +61,13 @@ class Study:
         delays: τ_D of each row of maps.
         velocities: ξ̇₀ of each column in ticks per period; motions start at ξ₀ = 0.
         beta_count: points along β, evenly over (0, beta_max].
-        beta_max: largest β; None for 1.5 + τ_D, so that the boundary ½ + τ_D stands where it does without delay.
+        beta_max: largest β; None for 1.5 + τ_D, so that the boundary ½ + τ_D is drawn at the same place as without delay.
         sigma_count: points along σ, evenly over (0, sigma_max].
         sigma_max: largest σ.
         periods: horizon in sampling periods.
 
     Raises:
-        ValueError: a number is out of its range; the text names it.
+        ValueError: a number is out of its range; the message names it.
     """
 
     mu: float = 100.0
@@ -121,7 +121,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Chunk:
-    """Some neighbouring points of one map, the unit of work; carries all it needs to be computed anywhere.
+    """Some neighbouring points of one map, the unit of work; self-contained, for any worker.
 
     Attributes:
         study: the maps it belongs to.
@@ -139,7 +139,7 @@ class Chunk:
 
 
 class Maps:
-    """A study and what is known of it.
+    """A study and its results so far.
 
     Attributes:
         study: which maps.
@@ -153,11 +153,11 @@ class Maps:
         self.done = np.zeros(study.shape, np.bool_)
 
     def missing(self) -> list[Chunk]:
-        """The chunks that hold a point not yet done."""
+        """The chunks with a point that is not done."""
         return [chunk for chunk in chunks(self.study) if not self.done[_place(chunk)].all()]
 
     def put(self, chunk: Chunk, points: PointArray) -> None:
-        """Take in the points of a chunk."""
+        """Store the points of a chunk."""
         self.points[_place(chunk)] = points
         self.done[_place(chunk)] = True
 
@@ -180,7 +180,7 @@ def _place(chunk: Chunk) -> tuple[int, int, NDArray[np.int64], NDArray[np.int64]
 
 
 def run_chunk(chunk: Chunk) -> PointArray:
-    """Compute the points of a chunk; (stop − start,) of `POINT`. Takes no lock and holds no GIL while it simulates."""
+    """Compute the points of a chunk; (stop − start,) of `POINT`. Takes no lock, and releases the GIL while it simulates."""
     study = chunk.study
     _, _, beta, sigma = _place(chunk)
     tau_d = study.delays[chunk.delay]
@@ -208,9 +208,9 @@ def run_points(
         tau_d: delay τ_D.
         xi_dot: (n,) initial velocity in ticks per period.
         periods: horizon, at least 12.
-        xi: (n,) initial position in ticks; 0 when left out.
-        early: end a run when its outcome is certain. False ends it only at rest, beyond 10⁹ ticks and at the horizon, where
-            rule 4 decides; it is there to check that the early ends change nothing.
+        xi: (n,) initial position in ticks; default 0.
+        early: end a run when its outcome is certain. False: end it only at rest, beyond 10⁹ ticks and at the horizon, where
+            rule 4 decides; for a test that early ends change nothing.
 
     Returns:
         (n,) of `POINT`.

@@ -1,8 +1,8 @@
-"""Table I both ways: the device, the spring and the interface in SI units and as dimensionless numbers.
+"""Table I in both directions: device, spring and interface in SI units and as dimensionless numbers.
 
-Position is measured in encoder ticks Δ, time in sampling intervals T, force in the force of one tick KΔ. What remains
-of device and interface are μ = m/(KT²), β = b/(KT), σ = c/(KΔ), τ_D = T_D/T. Table I has no κ = k_H/K, of a hand with a
-stiffness k_H of its own, and no q, the largest error of a commanded force: ½ but for dither and a coarse converter.
+Position is measured in encoder ticks Δ, time in sampling intervals T, force in the force of one tick KΔ. The parameters
+of device and interface are μ = m/(KT²), β = b/(KT), σ = c/(KΔ), τ_D = T_D/T. Added to Table I: κ = k_H/K, for a hand with
+the stiffness k_H, and q, the largest error of a commanded force: ½, more with dither and a coarse converter.
 
 SI units: rotary devices rad, N m, kg m²; linear devices m, N, kg. The formulas are the same.
 """
@@ -36,7 +36,7 @@ class Dimensionless:
         sigma: Coulomb friction σ = c/(KΔ).
         tau_d: loop delay τ_D = T_D/T, the zero-order hold not included.
         kappa: stiffness of a hand in parallel, κ = k_H/K.
-        quantum: q, the largest error of a commanded force, in ticks of force: ½ of eq. 2, more with dither or a converter.
+        quantum: q, the largest error of a commanded force, in ticks of force: ½ for eq. 2, more with dither or a converter.
     """
 
     mu: float
@@ -66,7 +66,7 @@ class Dimensionless:
 
 @dataclass(frozen=True)
 class Scales:
-    """The units in which the dimensionless signals are measured: one tick Δ, one interval T, one tick's force KΔ.
+    """The units of the dimensionless signals: one tick Δ, one interval T, the force of one tick KΔ.
 
     Attributes:
         stiffness: K in N m/rad or N/m.
@@ -138,9 +138,9 @@ class Loop:
         period: T in s.
         delay: T_D = T_A + T_V + the driver's declared latency, in s (eq. 6).
         hand_stiffness: k_H in N m/rad or N/m.
-        damping: B of virtual damping in N m s/rad or N s/m, as it reaches the shaft.
-        position_error: what position dither adds to the ½ tick of error that the encoder makes, in coarse ticks.
-        force_error: largest error of a commanded force beside that (half a step of the converter, dither), N m or N.
+        damping: B of virtual damping in N m s/rad or N s/m, at the shaft.
+        position_error: error of position dither, added to the encoder's ½ tick, in coarse ticks.
+        force_error: largest other error of a commanded force (half a step of the converter, dither), N m or N.
     """
 
     inertia: float
@@ -185,7 +185,7 @@ class Loop:
 
 
 def physical(numbers: Dimensionless, scales: Scales) -> Loop:
-    """Table I from right to left: the SI loop that has these numbers on these scales."""
+    """Table I from right to left: the SI loop with these numbers and scales."""
     K, T = scales.stiffness, scales.period
     return Loop(
         inertia=numbers.mu * K * T**2,
@@ -201,7 +201,7 @@ def physical(numbers: Dimensionless, scales: Scales) -> Loop:
 
 
 def loop_from_config(config: Config, latency_s: float = 0.0) -> Loop:
-    """The SI loop of a configuration, the hand in parallel, with what the theory can take of the plant's effects.
+    """The SI loop of a configuration, with the hand in parallel and those effects of the plant that the theory includes.
 
     Args:
         config: a resolved configuration.
@@ -219,7 +219,7 @@ def loop_from_config(config: Config, latency_s: float = 0.0) -> Loop:
         position_error=_position_error(config),
         force_error=_force_error(config),
     )
-    # Base parameters, delays, the weaker friction.
+    # Base parameters, delays, the smaller friction.
     for listed in config.plant.effects:
         effect = CATALOGUE[listed.name]
         if effect.in_loop is not None:
@@ -228,7 +228,7 @@ def loop_from_config(config: Config, latency_s: float = 0.0) -> Loop:
 
 
 def _position_error(config: Config) -> float:
-    """How far position dither of ±a can move the tick that is read: to the next raw count, ⌈Na⌉/N."""
+    """Largest shift of the tick by position dither of ±a: up to the next raw count, ⌈Na⌉/N."""
     if config.dither.target != "position":
         return 0.0
     N = config.encoder.decimation
@@ -236,7 +236,7 @@ def _position_error(config: Config) -> float:
 
 
 def _force_error(config: Config) -> float:
-    """Half a step of the converter, or of the device where that is coarser, and current dither, as a force in N m or N."""
+    """Half a step of the converter, or of the device if coarser, and current dither, as a force in N m or N."""
     amplifier = config.amplifier
     step = max(converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)[0], declared_step(config))
     dither = config.dither.amplitude if config.dither.target == "current" else 0.0

@@ -1,19 +1,19 @@
-"""What became of a run: monotone, decaying, persistent or growing, from the energy at the samples (Fig. 6, 7).
+"""Outcome of a run: monotone, decaying, persistent or growing, from the energy at the samples (Fig. 6, 7).
 
-The rules have no scale of their own: they compare energies of one run with each other.
+The rules have no absolute thresholds: they compare energies of one run with each other.
 
-1. ``growing``: the run left the limit of the simulation (10⁹ ticks), or its energy is no longer a number.
-2. At rest for good (velocity zero and the forces to come held by stiction): ``monotone`` if the energy H_T (35) never
+1. ``growing``: the run exceeded the limit of the simulation (10⁹ ticks), or its energy is NaN.
+2. At rest (velocity zero, and stiction holds every later force): ``monotone`` if the energy H_T (35) never
    rose from one sample to the next, else ``decaying``.
-3. Still moving: the second half of the run is cut into six stretches, and the largest energy of each is taken.
+3. Still moving: the second half of the run is divided into six stretches, and the largest energy of each is taken.
 
-   * They rise one after the other, by more than 1 % in all: growing, unless the rise slows down so that its geometric
-     continuation ends below twice the last value; then the run is settling into a cycle, and ``persistent``.
-   * They fall one after the other, by more than 1 % in all: ``monotone`` or ``decaying``, unless the continuation of
+   * They rise one after the other, by more than 1 % in total: growing, unless the rise slows down so that its geometric
+     extrapolation ends below twice the last value; then the run settles into a cycle: ``persistent``.
+   * They fall one after the other, by more than 1 % in total: ``monotone`` or ``decaying``, unless the extrapolation of
      the fall ends above half the last value; then ``persistent``.
    * Otherwise the energy recurs: ``persistent``.
 
-A rise counts when it exceeds the rounding of the simulation, 10⁻⁹ of the energy. Because a trend is continued and not
+A rise counts when it exceeds the rounding of the simulation, 10⁻⁹ of the energy. Because a trend is extrapolated and not
 compared with a fixed level, a longer run changes the verdict only at the boundary itself.
 """
 
@@ -32,16 +32,16 @@ Outcome = Literal["monotone", "decaying", "persistent", "growing"]
 OUTCOMES: Final = ("monotone", "decaying", "persistent", "growing")
 MONOTONE, DECAYING, PERSISTENT, GROWING = range(4)
 
-#: A rise of the energy smaller than this fraction of it is rounding.
+#: A smaller relative rise of the energy is rounding.
 RISE_TOLERANCE: Final = 1e-9
 #: Stretches into which the second half of a run is cut.
 STRETCHES: Final = 6
-#: A trend over the second half smaller than this fraction is none.
+#: A smaller relative trend over the second half is no trend.
 TREND_TOLERANCE: Final = 0.01
-#: Where a trend must lead, relative to its last value, to count as vanishing (below) or as growing (above 1/it).
+#: Extrapolated value of a trend, relative to its last value, below which it vanishes; above the inverse it grows.
 VANISHING: Final = 0.5
 
-# A stretch is then 32 to 64 blocks, so that its edges are good to 3 %.
+# A stretch is then 32 to 64 blocks, so that its edges are accurate to 3 %.
 _BLOCKS: Final = 768
 
 
@@ -53,19 +53,19 @@ def energy_rises(energy: FloatArray, tolerance: float = RISE_TOLERANCE) -> NDArr
         tolerance: rise, relative to the energy before it, that is not counted.
 
     Returns:
-        (..., n − 1) true where ``energy[k + 1] > energy[k] (1 + tolerance)``.
+        (..., n − 1) whether ``energy[k + 1] > energy[k] (1 + tolerance)``.
     """
     return np.asarray(energy[..., 1:] > energy[..., :-1] * (1.0 + tolerance))
 
 
 def decide(rose: bool, peaks: FloatArray, at_rest: bool, grew_past_limit: bool) -> Outcome:
-    """The verdict from what a run leaves behind.
+    """The outcome from the summary of a run.
 
     Args:
-        rose: whether the energy rose between two successive samples, at any time.
+        rose: whether the energy ever rose between two successive samples.
         peaks: (STRETCHES,) largest energy in each stretch of the second half of the run, oldest first.
-        at_rest: the mass stands still and every force to come is held by stiction.
-        grew_past_limit: the run was ended because it left the limit.
+        at_rest: the mass is at rest and stiction holds every later force.
+        grew_past_limit: the run ended because it exceeded the limit.
     """
     if grew_past_limit or not np.all(np.isfinite(peaks)):
         return "growing"
@@ -97,12 +97,12 @@ def _trend(peaks: FloatArray) -> int:
 
 
 class OutcomeTracker:
-    """Classifies a run of any length from its energies, chunk by chunk, in bounded memory.
+    """Outcome of a run of any length from its energies, chunk by chunk, in bounded memory.
 
-    The peaks of blocks of equal length are kept; when there are 768, neighbours are merged and the length doubles.
+    It stores the peaks of blocks of equal length; at 768 blocks, neighbours are merged and the length doubles.
 
     Attributes:
-        samples: energies seen so far. rises: how many times the energy rose from one sample to the next.
+        samples: number of energies. rises: number of rises from one sample to the next.
 
     Example:
         >>> tracker = OutcomeTracker()
@@ -123,7 +123,7 @@ class OutcomeTracker:
         self.samples = 0
 
     def update(self, energy_chunk: FloatArray) -> None:
-        """Take in the next energies, (n,) in time order; n may be 0 and may differ from call to call."""
+        """Process the next energies, (n,) in time order; n may be 0 and may differ from call to call."""
         chunk = np.asarray(energy_chunk, dtype=np.float64)
         if chunk.size == 0:
             return
@@ -136,7 +136,7 @@ class OutcomeTracker:
             chunk = chunk[self._absorb(chunk) :]
 
     def _absorb(self, chunk: FloatArray) -> int:
-        """Move the head of a chunk into the block peaks; how many samples went in."""
+        """Merge the first samples of a chunk into the block peaks; returns their number."""
         if self._blocks == _BLOCKS:
             self._peaks[: _BLOCKS // 2] = self._peaks.reshape(-1, 2).max(axis=1)
             self._blocks = _BLOCKS // 2
@@ -157,7 +157,7 @@ class OutcomeTracker:
         return taken
 
     def tail_peaks(self) -> FloatArray:
-        """(STRETCHES,) peaks over the stretches of the second half, to one block; a short run repeats its last ones."""
+        """(STRETCHES,) peaks of the stretches of the second half, within one block; a short run repeats its last ones."""
         peaks = self._peaks[: self._blocks]
         if self._partial_count:
             peaks = np.append(peaks, self._partial)
@@ -169,7 +169,7 @@ class OutcomeTracker:
         return np.array([tail[a : max(b, a + 1)].max() for a, b in itertools.pairwise(edges)])
 
     def outcome(self, at_rest: bool, grew_past_limit: bool = False) -> Outcome:
-        """The verdict on what was taken in so far; see `decide`."""
+        """The outcome so far; see `decide`."""
         if not at_rest and not grew_past_limit and self.rises == 0 and 0 < self.samples < 2 * STRETCHES:
             return "monotone"
         return decide(self.rises > 0, self.tail_peaks(), at_rest, grew_past_limit)

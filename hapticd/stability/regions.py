@@ -1,8 +1,8 @@
 """Regions of the (β, σ) plane (Fig. 3 and 5) and their boundaries.
 
-Without delay: A, B, C, D, E. With delay A splits: F1, where theorem 2 (`hapticd.stability.criterion`) proves this motion,
-and F2, where β ≥ ½ + τ_D is not enough for a proof, λ being more. Points on a boundary count as the better side, as ≥ in
-(12) does. With q = ½ and no delay the boundaries are the paper's; with delay there is no second condition of (19).
+Without delay: A, B, C, D, E. With delay A is divided: F1, where theorem 2 (`hapticd.stability.criterion`) proves this
+motion, and F2, where β ≥ ½ + τ_D but a proof would need β ≥ λ. Points on a boundary belong to the more stable region, as ≥
+in (12). With q = ½ and no delay the boundaries are the paper's; with delay there is no second condition of (19).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from hapticd.stability.criterion import coulomb_margin, criterion_margin, lambda
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.storage import FloatArray
 
-#: What each region means, for people.
+#: Meaning of each region, for users.
 MEANING: Final[dict[str, str]] = {
     "A": "globally stable: friction takes out more energy than sampling and quantisation put in, at any speed",
     "B": "buzzes: small steady oscillations, usually below one tick; Coulomb friction cannot hold a step of the force",
@@ -39,11 +39,11 @@ def region(numbers: Dimensionless, xi_dot_max: float | None = None) -> str:
         xi_dot_max: velocity bound (13) in ticks per period; see `hapticd.stability.storage.velocity_bound`.
 
     Returns:
-        ``A`` … ``E`` without delay, ``B`` … ``E``, ``F1``, ``F2`` with it. Without a velocity ``D|E`` and ``F1|F2``
-        where it decides.
+        ``A`` … ``E`` without delay, ``B`` … ``E``, ``F1``, ``F2`` with delay. Without a velocity ``D|E`` and ``F1|F2``
+        if the region depends on it.
 
     Raises:
-        ValueError: the velocity is negative or not a number.
+        ValueError: the velocity is negative or NaN.
     """
     if xi_dot_max is not None and not xi_dot_max >= 0.0:
         raise ValueError(f"xi_dot_max must not be negative, got {xi_dot_max!r}")
@@ -64,6 +64,6 @@ def region(numbers: Dimensionless, xi_dot_max: float | None = None) -> str:
 
 
 def critical_sigma(numbers: Dimensionless, xi_dot_max: float, beta: ArrayLike) -> FloatArray:
-    """σ on the critical line at each β, where the criterion holds with equality: q + ξ̇_max(λ − β), and not below q."""
+    """σ on the critical line at each β, where the criterion holds with equality: q + ξ̇_max(λ − β), at least q."""
     missing = float(lambda_(numbers.tau_d)) - np.asarray(beta, dtype=np.float64)
     return np.asarray(numbers.quantum + np.maximum(0.0, xi_dot_max * missing))

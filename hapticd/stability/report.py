@@ -1,4 +1,4 @@
-"""The text of ``hapticd check``: what the theory says of a configuration, for someone who has not read the paper."""
+"""The text of ``hapticd check``: the assessment of a configuration, for a reader who does not know the paper."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ HEADLINES: Final[dict[Verdict, str]] = {
     "undecided": "not known to be stable",
 }
 
-#: Why, in the student's words: what takes energy out, what puts it in, and which wins.
+#: The reason in plain words: what dissipates energy, what generates it, and which is larger.
 WHY: Final[dict[str, str]] = {
-    "A": "Viscous friction takes out more than the sampled spring puts in (β ≥ ½), and Coulomb friction can hold the steps "
-    "of the force (σ ≥ q; q = ½ for the encoder's ticks alone). No passive hand can change that.",
+    "A": "Viscous friction dissipates more than the sampled spring generates (β ≥ ½), and Coulomb friction can hold the "
+    "steps of the force (σ ≥ q; q = ½ for the encoder's ticks alone). No passive hand can change that.",
     "B": "Viscous friction stops fast motion (β is large enough), but Coulomb friction cannot hold the steps of the force "
     "(σ < q; q = ½ for the encoder's ticks alone). So the spring pushes the device back and forth for ever.",
     "C": "Neither friction is enough: β is too small for fast motion, and σ < q cannot hold the steps of the force. Each "
     "swing gains energy; a light touch is enough to begin.",
-    "D": "Viscous friction is too small (β), so all rests on Coulomb friction, and this motion is too fast for it: each "
-    "swing can put in more than friction takes out. Slower motions die out; so may some faster ones than the limit below, "
-    "which is for the worst case.",
-    "E": "Viscous friction alone is too small (β), but at this speed Coulomb friction makes up for it. A faster motion than "
+    "D": "Viscous friction is too small (β), so stability depends on Coulomb friction, and this motion is too fast for it: "
+    "each swing can generate more than friction dissipates. Slower motions die out; so may some faster ones than the limit "
+    "below, which is for the worst case.",
+    "E": "Viscous friction alone is too small (β), but at this speed Coulomb friction compensates. A faster motion than "
     "the limit below would grow.",
     "F1": "Both frictions are large enough even with the delay in the loop.",
-    "F2": "Both frictions are large enough in the end, but a delay of a part of a period asks for a little more viscous "
+    "F2": "Both frictions are almost large enough, but a delay of a part of a period needs a little more viscous "
     "friction (λ): a stop-and-go motion in step with the servo could gain energy.",
-    "D|E": "Viscous friction alone is too small (β), so all rests on Coulomb friction, which takes out the same at any "
-    "speed while the spring puts in more the faster it goes. There is a speed limit, given below.",
+    "D|E": "Viscous friction alone is too small (β), so stability depends on Coulomb friction, which dissipates the same at "
+    "any speed, while the spring generates more at higher speed. There is a speed limit, given below.",
     "F1|F2": "Both frictions are nearly large enough at every speed even with the delay in the loop; up to the speed limit "
     "they are.",
 }  # fmt: skip
 
-#: Of what starts end in, as many as are told one by one.
+#: Final states that are listed one by one.
 _ENDS: Final = 5
 
 _LABELS: Final = {
@@ -57,7 +57,7 @@ _LABELS: Final = {
     "servo.rate_hz": "a faster servo",
     "delay.computation_s": "a shorter computation",
     "hand.damping": "a firmer grip",
-    "deflection": "a release from less far",
+    "deflection": "a smaller deflection",
     "velocity": "a slower motion",
 }
 _WIDTH = 100
@@ -70,9 +70,9 @@ def report(
     """The whole text.
 
     Args:
-        found: what the theory says. changes: what would make it stable.
-        name: what to call the configuration. device: its row of Table II, if it is one of these.
-        arguments: with which another command is about the same configuration.
+        found: the assessment. changes: what would make it stable.
+        name: of the configuration. device: its row of Table II, if it has one.
+        arguments: options that select the same configuration in another command.
     """
     stable_but = caveat(found) if found.verdict == "stable" else ""
     sections = [
@@ -85,9 +85,7 @@ def report(
     if changes:
         sections.append(advice_text(found, changes))
     elif found.verdict != "stable":
-        sections.append(
-            "No single change of one setting makes this stable; change two, or take a device with friction."
-        )
+        sections.append("No change of one setting makes this stable; change two, or use a device with more friction.")
     if device is not None:
         sections.append("\n".join(_table_ii(device)))
     if found.warnings:
@@ -100,12 +98,12 @@ def _why(found: Assessment) -> str:
     if found.damped is not None:
         return f"Without its virtual damping: region {found.region}: {MEANING[found.region]}.{_proof(found)}"
     if found.region == "C" and found.cycle is not None:
-        text += " From this motion the describing function expects no growth but the small limit cycle below."
+        text += " For this motion the describing function predicts no growth, only the small limit cycle below."
     return text + _proof(found)
 
 
 def _proof(found: Assessment) -> str:
-    """Which theorem stands behind the word stable, if one does; or what exploration found."""
+    """The theorem that proves stability, if any; or the result of the exploration."""
     if found.holds:
         assert found.proof is not None
         return f" {found.proof.words[0].upper()}{found.proof.words[1:]}."
@@ -117,12 +115,12 @@ def _proof(found: Assessment) -> str:
         text = f" No theorem proves it: they do not cover {', '.join(unproven(found.config))}."
     else:
         asked = f"λ = {number(found.proof.lam)} and q = {number(found.proof.q)}"
-        text = f" No theorem proves it: with all that is in the loop they ask for {asked}."
+        text = f" No theorem proves it: with everything in the loop they need {asked}."
     return f"{text} Simulated exactly, {found.explored.words}{caveat(found)}."
 
 
 def caveat(found: Assessment) -> str:
-    """What may be otherwise at the device, in brackets: assumed numbers, what the runs leave out; empty where nothing."""
+    """Restrictions in brackets: assumed numbers, and what the simulation leaves out; empty if none."""
     keys = assumed(found.config)
     parts = [f"with the assumed {', '.join(keys)}"] if keys else []
     parts += found.explored.approximate if found.explored else ()
@@ -130,7 +128,7 @@ def caveat(found: Assessment) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number with few digits; a dash where there is none, ∞ where it is infinite."""
+    """A number with few digits; a dash for None, ∞ if infinite."""
     if value is None or math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -198,7 +196,7 @@ def _damping(found: Assessment, stiffness_unit: str) -> Iterator[str]:
     estimate = f"difference over {spring.velocity_periods}"
     if spring.velocity_estimate == "low_pass":
         estimate = f"low-pass of {number(spring.velocity_cutoff_hz)} Hz"
-    yield "                  (all of this of the spring without its damping)"
+    yield "                  (all values above: the spring without its damping)"
     yield f"virtual damping   β_v = {number(damped.damper.beta_v)}, velocity by {estimate}"
     answer = "holds" if damped.passive else "does not hold"
     yield (
@@ -207,7 +205,7 @@ def _damping(found: Assessment, stiffness_unit: str) -> Iterator[str]:
     )
     if found.proof is not None:
         margin = number(found.proof.margin(found.xi_dot_max), 2)
-        yield f"margin            {margin} ticks of force, the damping counted as what it may put in"
+        yield f"margin            {margin} ticks of force, with the energy that the damping may generate"
 
 
 def advice_text(found: Assessment, changes: Sequence[Change]) -> str:
@@ -218,27 +216,27 @@ def advice_text(found: Assessment, changes: Sequence[Change]) -> str:
         name = each["key"] if "." in each["key"] else f"--{each['key']}"
         lines.append(change_line(name, each))
     if found.verdict == "depends":
-        lines.append("Or keep below the speed limit; ask about a motion of yours with --velocity or --deflection.")
+        lines.append("Or keep below the speed limit; check a certain motion with --velocity or --deflection.")
     return "\n".join(lines)
 
 
 def remedies(found: Assessment, changes: Sequence[Change]) -> list[dict[str, Any]]:
-    """The same as data, for who offers them one by one: each change with its ``words``."""
+    """The same as data: each change with its ``words``."""
     return [{**change.document, "words": _words(found, change)} for change in changes]
 
 
 def _words(found: Assessment, change: Change) -> str:
-    """What a change is, and why it is enough."""
-    # what a damper does no region says
+    """A change in words, and why it is sufficient."""
+    # the regions do not include a damper
     damps = change.key == "spring.damping" or found.damped is not None
     why = "simulated exactly" if damps else f"region {change.region}"
-    harsh = ", hardly a wall any more" if change.key == "spring.stiffness" and change.size > math.log(10.0) else ""
-    left = f"; a buzz of {number(change.buzz, 2)} ticks is left" if change.buzz else ""
+    harsh = ", too soft for a wall" if change.key == "spring.stiffness" and change.size > math.log(10.0) else ""
+    left = f"; a buzz of {number(change.buzz, 2)} ticks remains" if change.buzz else ""
     return f"{_LABELS[change.key]}{harsh} ({why}{left})"
 
 
 def _ends(explored: Explored, period_s: float) -> Iterator[str]:
-    """What starts end in, with what share of them."""
+    """The final states of the starts, with their shares."""
     label = "starts end in"
     for share, name, cycle in explored.ends[:_ENDS]:
         text = f"{number(100.0 * share, 2)} %: {name}"

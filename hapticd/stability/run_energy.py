@@ -1,7 +1,7 @@
 """The energy ledger of a run file: its commands replayed through the model of its config (`energy_replay`).
 
-An estimate, and called one everywhere: a recording holds counts and currents, not velocities. How far the model explains
-the recording is part of the answer, as the energy left unexplained.
+It is an estimate: a recording contains counts and currents, not velocities. The unexplained energy shows how well the model
+explains the recording.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from hapticd.config import Config, apply_settings, parse_config
 from hapticd.record.errors import RunFileError
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, FLAG_RUNNING, Rows, empty_rows
-from hapticd.stability.bounds import Bounds, places_checked
-from hapticd.stability.energy_records import PLACES
+from hapticd.stability.bounds import Bounds, bounds_of_positions
+from hapticd.stability.energy_records import POSITIONS
 from hapticd.stability.energy_replay import EnergyEstimate
 from hapticd.stability.outcome import energy_rises
 from hapticd.stability.storage import FloatArray
@@ -27,7 +27,7 @@ from hapticd.stability.storage import FloatArray
 if TYPE_CHECKING:
     from hapticd.record.run import Run
 
-#: A stored energy that rises by less than this fraction of the run's largest is not called a rise: the estimate's grain.
+#: Smallest rise of the stored energy that counts, as a fraction of the run's largest: resolution of the estimate.
 RISE = 1e-6
 _SHOTS = 8
 
@@ -39,9 +39,9 @@ class RunEnergy:
     Attributes:
         config: the config at the beginning of the stretch.
         time_s: (n,). position: (n,) in rad or m from the spring's origin.
-        energies: (n,) of `hapticd.stability.energy_records.ENERGIES`, since the start.
-        bounds: the bounds on generation in every interval of force that is known to its end, in KΔ².
-        notes: what a reader should know, in words.
+        energies: (n,) of `hapticd.stability.energy_records.ENERGIES`, from the start of the spring on.
+        bounds: the bounds on generated energy in every complete interval of force, in KΔ².
+        notes: restrictions of the result, in words.
     """
 
     config: Config
@@ -58,25 +58,25 @@ class RunEnergy:
 
     @property
     def unexplained(self) -> FloatArray:
-        """(n,) a hand's work, changed settings and the model's errors since the start."""
+        """(n,) work of a hand, of changed settings and of model errors since the start."""
         return np.asarray(self.energies["unexplained"] + self.energies["settings"])
 
     @property
     def residual(self) -> FloatArray:
-        """(n,) what the balance (26) leaves over; rounding."""
+        """(n,) remainder of the balance (26); rounding."""
         e = self.energies
         booked = e["viscous"] + e["coulomb"] - e["generated"] - self.unexplained
         return np.asarray(e["stored"] - e["stored"][0] + booked)
 
     @property
     def rises(self) -> int:
-        """From how many samples to the next the stored energy rose beyond the grain of the estimate."""
+        """Number of samples after which the stored energy rose by more than `RISE`."""
         stored = self.energies["stored"]
         return int(np.count_nonzero(energy_rises(stored + RISE * stored.max(), RISE)))
 
     @property
     def explained(self) -> float | None:
-        """1 less the fraction of what the model could not explain in all that was exchanged; None if nothing was."""
+        """1 − unexplained energy/exchanged energy; None if none was exchanged."""
         e = self.energies
         exchanged = float(e["viscous"][-1] + e["coulomb"][-1] + np.abs(np.diff(e["generated"])).sum())
         if exchanged == 0.0:
@@ -108,7 +108,7 @@ class RunEnergy:
             "bounds": None
             if bounds is None
             else {
-                "intervals": bounds.way.size,
+                "intervals": bounds.displacement.size,
                 "violations": {"paper": bounds.violations.size},
                 "largest_excess_in_unit": {"paper": float(bounds.excess.max(initial=0.0))},
             },
@@ -120,8 +120,8 @@ def run_energy(run: Run, config: Config | None = None) -> RunEnergy:
     """Estimate the energies of a run.
 
     Args:
-        run: as `hapticd.record.read_run` gives it.
-        config: the config to use for a run that carries none; the run's own is used if it has one.
+        run: from `hapticd.record.read_run`.
+        config: for a run without a config; otherwise the run's is used.
 
     Raises:
         RunFileError: no config in the run and none given, no rows, or a spring without stiffness.
@@ -131,7 +131,7 @@ def run_energy(run: Run, config: Config | None = None) -> RunEnergy:
     if stored:
         config = parse_config(stored, f"config of {run.path.name}")
     if config is None:
-        raise RunFileError(f"{run.path} carries no config, so there is no model to replay it through; give one")
+        raise RunFileError(f"{run.path} contains no config, so there is no model for its energies; give one")
     rows = rows_of(run, config)
     if rows.size == 0:
         raise RunFileError(f"{run.path} has no rows")
@@ -148,7 +148,7 @@ def run_energy(run: Run, config: Config | None = None) -> RunEnergy:
 
 
 def rows_of(run: Run, config: Config) -> Rows:
-    """The rows of a run, whatever columns it has: a foreign run has a position and a force, and ran all the time."""
+    """The rows of a run: an imported one has position and force, and counts as running all the time."""
     columns = run.columns
     rows = empty_rows(run.rows)
     for name in rows.dtype.names or ():
@@ -166,11 +166,11 @@ def rows_of(run: Run, config: Config) -> Rows:
 
 
 def _first_velocity(config: Config, latency: float, origin: int | None, rows: Rows) -> float:
-    """Velocity with which the model meets the second count, to one count; 0 if it does so from rest."""
+    """Initial velocity with which the model reaches the second count, within one count; 0 if it does so from rest."""
     pair = rows[:2].copy()
     if pair.size < 2 or not pair["time_s"][1] > pair["time_s"][0]:
         return 0.0
-    # a sample that says nothing corrects nothing, and shows where the model has gone by itself
+    # a sample without counts corrects nothing, and shows the uncorrected position of the model
     pair["flags"][1] |= FLAG_MISSED_EXCHANGE
     raw, dt = config.raw_resolution, float(pair["time_s"][1] - pair["time_s"][0])
     velocity = 0.0
@@ -185,7 +185,7 @@ def _first_velocity(config: Config, latency: float, origin: int | None, rows: Ro
 
 
 def _stretches(run: Run, rows: Rows) -> Iterator[tuple[Rows, dict[str, Any]]]:
-    """The rows between two changes of settings, each with the settings that were changed before it."""
+    """The rows between two changes of settings, with the settings changed before them."""
     changes = [event for event in run.events if event.get("event") == "set" and event.get("changed")]
     edges = [0, *(min(int(event["row"]), rows.size) for event in changes), rows.size]
     settings: list[dict[str, Any]] = [{}, *(event["changed"] for event in changes)]
@@ -194,47 +194,47 @@ def _stretches(run: Run, rows: Rows) -> Iterator[tuple[Rows, dict[str, Any]]]:
 
 
 def _last_start(run: Run, blocks: list[tuple[Config, Rows, NDArray[Any], NDArray[Any]]]) -> RunEnergy:
-    """Cut out what followed the last start, and check the bounds there."""
+    """Select the rows after the last start, and check the bounds there."""
     configs, *parts = zip(*blocks, strict=True)
     ends = np.cumsum([part.size for part in parts[0]])
-    rows, energies, places = (np.concatenate(part) for part in parts)
+    rows, energies, positions = (np.concatenate(part) for part in parts)
     running = rows["flags"] & FLAG_RUNNING != 0
     if not running.any():
-        raise RunFileError(
-            f"{run.path}: the spring was never rendered in this run, so there is no energy to account for"
-        )
+        raise RunFileError(f"{run.path}: the spring was never rendered in this run, so there is no energy to compute")
     last = int(np.flatnonzero(running)[-1]) + 1
     stopped = np.flatnonzero(~running[:last])
     first = int(stopped[-1]) + 1 if stopped.size else 0
     within = int(np.searchsorted(ends, first, side="right"))
     config = configs[within]
     if config.spring.stiffness == 0.0:
-        raise RunFileError(f"{run.path}: spring.stiffness is 0, there is no spring whose energy could be accounted for")
+        raise RunFileError(f"{run.path}: spring.stiffness is 0, so there is no spring energy to compute")
     span = slice(first, last)
     notes = list(run.warnings)
     if running[:first].any():
         notes.append(f"the spring was started more than once: the ledger is of the last start, from row {first} on")
     changed = any(first < end < last for end in ends)
     if changed:
-        notes.append("settings were changed on the way; the bounds are checked up to the first change")
+        notes.append("settings were changed during the run; the bounds are checked up to the first change")
     return RunEnergy(
         config=config,
         time_s=rows["time_s"][span],
-        position=places["sampled"][span],
+        position=positions["sampled"][span],
         energies=energies[span],
-        bounds=_bounds(config, places[first : min(last, int(ends[within]))], notes),
+        bounds=_bounds(config, positions[first : min(last, int(ends[within]))], notes),
         notes=tuple(notes),
     )
 
 
-def _bounds(config: Config, places: NDArray[Any], notes: list[str]) -> Bounds | None:
-    """The bounds in the intervals of a run; None where the spring is not the one of (2)."""
+def _bounds(config: Config, positions: NDArray[Any], notes: list[str]) -> Bounds | None:
+    """The bounds in the intervals of a run; None if the spring is not that of (2)."""
     if config.spring.side != "both" or not config.spring.half_tick_bias or config.dither.target != "none":
-        notes.append("the bounds are not checked: they are for a bidirectional spring with its half tick, undithered")
+        notes.append(
+            "the bounds are not checked: they hold for a two-sided spring with the half-tick bias, without dither"
+        )
         return None
     late = math.floor(config.delay.computation_s / config.period + 1e-6)
-    known = np.isfinite(places["end"])
+    known = np.isfinite(positions["end"])
     known[:late] = False
     row = np.flatnonzero(known)
-    sampled, *visited = (places[name] / config.resolution for name in PLACES.names or ())
-    return places_checked(sampled[row - late], *(place[row] for place in visited))
+    sampled, *visited = (positions[name] / config.resolution for name in POSITIONS.names or ())
+    return bounds_of_positions(sampled[row - late], *(position[row] for position in visited))

@@ -1,32 +1,31 @@
-"""The loop from sample to sample, exactly, until it is certain what becomes of a motion: for maps, exploration, Z-width.
+"""Exact simulation of the loop from sample to sample until the outcome is certain: for maps, exploration, Z-width.
 
-One kernel, compiled twice. *Bare* it is the spring of eq. 7–9, as the region maps have it; otherwise with all that the
-servo renders: virtual damping with its velocity estimate, a wall, no half tick, dither, a converter that rounds and ends, a
-current that saturates, the amplifier's current loop of second order (`hapticd.plant.lagged`), a hand's stiffness κ,
+One kernel, compiled twice. A *bare* loop is the spring of eq. 7–9, for the region maps. The other has everything that the
+servo renders: virtual damping with its velocity estimate, a wall, no half tick, dither, a converter with steps and limits,
+current saturation, the amplifier's second-order current loop (`hapticd.plant.lagged`), a hand's stiffness κ,
 a spring without ticks (φ = −ξ), and the passivity controller (`hapticd.stability.passivity`), for which the whole delay is
-T_V: it knows when a command is sent. Numbers are those of Table I. Period and friction do not change, so that the
-exponentials of `hapticd.plant.exact` are computed once a run. A run ends
+T_V, because it needs the time of each command. Numbers are those of Table I. Period and friction are constant, so that the
+exponentials of `hapticd.plant.exact` are computed once per run. A run ends
 
-* at rest: the mass stands, and stiction holds whatever force may come; a bare one also where it slides to its rest within
-  the present tick, under a force that can therefore not change any more (at σ = ½ the net force can be zero, and the slide
-  takes for ever). With more in the loop it has stood still for as long as anything remembers;
-* vanished: without ticks, when the energy is 10⁻¹² of the first;
+* at rest: the mass is at rest, and stiction holds every later force; in a bare loop also if it slides to rest within the
+  present tick, because the force then cannot change (at σ = ½ the net force can be zero, and the slide takes infinitely
+  long). Otherwise it must be at rest for the length of the loop's memory;
+* vanished: without ticks, when the energy is 10⁻¹² of the initial one;
 * beyond `far`, 10⁹ ticks or less;
-* at the horizon, where the trend of the energy decides (`hapticd.stability.outcome`), but for what it cannot see: a damper
-  lets the mass creep towards the edge of stiction for ever, which counts as rest; where no tick has a force that friction
-  holds (`can_rest`; with ticks alone no force is below ½, so where σ < ½), nothing that moves dies out; where the linear
-  loop is stable, nothing grows.
+* at the horizon, where the trend of the energy decides (`hapticd.stability.outcome`), with three exceptions: with a damper
+  the mass may creep towards the edge of stiction without end, which counts as rest; if friction holds the force of no tick
+  (`can_rest`; with ticks alone: σ < ½), no motion dies out; if the linear loop is stable, no motion grows.
 
 A run that *searches* also ends
 
-* recurred: everything that the loop remembers is that of an earlier sample (Brent's search). One cycle more measures it. In
-  a region map that is bit for bit; in an exploration to nine digits of how far it goes: where a cycle lies within its tick
-  hardly matters to it, so that its roundings add up for ever;
-* escaped, where it is bare: the state is where growth can be proven (`hapticd.stability.escape`);
-* settled: in three windows, each twice as long as the one before, it goes equally far (1 %, much less above one tick). A
-  region map has a first window as long as its horizon: nothing is settled there that does not recur.
+* recurred: the whole state of the loop equals that at an earlier sample (Brent's algorithm). One further cycle measures it.
+  A region map compares bits; an exploration compares to nine digits of the amplitude, because a cycle hardly depends on its
+  position within the tick, so that its rounding errors add up;
+* escaped, if it is bare: growth is proven for its state (`hapticd.stability.escape`);
+* settled: in three windows, each twice as long as the one before, the amplitude is the same (1 %, much less above one tick).
+  In a region map the first window is as long as the horizon: there only a recurring motion has settled.
 
-Energy is H_T (35), at the samples without delay and at h + τ_D with it, from the first command's arrival on.
+Energy is H_T (35), at the samples without delay and at h + τ_D with delay, from the arrival of the first command on.
 """
 
 from __future__ import annotations
@@ -59,16 +58,16 @@ from hapticd.stability.whole_loop import LOOP, RUN, UNIFORM, asked, delivered, r
 #: Why a run ended.
 REST, RECURRED, ESCAPED, LEFT, HORIZON, VANISHED, SETTLED = range(7)
 _VANISHED = 1e-12
-#: Ticks within which a motion that goes on is a creep.
+#: Amplitude in ticks below which a motion is creep.
 CREEP: Final = 1e-9
-#: How equal two states of a motion that recurs are, of how far it goes, and a dither's phase, in turns.
+#: Tolerance of a recurring state: relative to the amplitude, and for the dither's phase, in turns.
 _SAME: Final = 1e-9
-#: How equal the windows of a search are when a motion counts as settled, how many after the first, the share of friction's
-#: work that may be left over, and the amplitude in ticks from which a buzz is followed to the horizon.
+#: A settled motion: relative difference of the windows, number of windows after the first, share of the friction's
+#: work that may remain, and the amplitude in ticks from which a buzz is simulated to the horizon.
 _SETTLED, _WINDOWS, _NET, _NEARLY = 0.01, 2, 0.03, 0.8
-#: Most periods before a start that the current loop of one that has memory is brought through.
+#: Most periods before a start for which the current loop of a start with memory is simulated.
 _EARLIER: Final = 256
-# A slide to rest and proven growth are looked for once in so many periods; a power of two.
+# Periods between two tests for a slide to rest and for proven growth; a power of two.
 _LOOK = 64
 
 _LOOPS = types.Array(from_dtype(LOOP), 1, "C")
@@ -78,7 +77,7 @@ _f8 = types.float64
 
 @njit(inline=True)
 def _resting_place(ring: Any, pending: int, x: float, v: float, mu: float, beta: float, sigma: float) -> float:
-    """Where a bare loop is at rest, or will be if no force changes before; not a number where that is not certain."""
+    """Position at which a bare loop is at rest, or will be if no force changes before; NaN if that is not certain."""
     tick = math.floor(x)
     force = -tick - 0.5
     if abs(force) > sigma:
@@ -92,10 +91,10 @@ def _resting_place(ring: Any, pending: int, x: float, v: float, mu: float, beta:
 
 @njit(inline=True)
 def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: float, memory: Any, spans: Any) -> None:
-    """Run one loop; ``bare`` is a literal where this is called, so that what a bare loop has not is not compiled.
+    """Run one loop; ``bare`` is a literal in each call, so that the compiler removes what a bare loop does not have.
 
     ``growth`` is the eigenvector of `hapticd.stability.escape.Escape`, real and imaginary part, ``threshold`` its threshold,
-    ``memory`` (4, …) work space: the commands under way, the positions that the damper remembers, and both as they were;
+    ``memory`` (4, …) work space: the pending commands, the positions in the damper's memory, and earlier copies of both;
     ``spans`` (2, SPAN_WORDS) that of the current loop.
     """
     ring, samples, ring_saved, samples_saved = memory[0], memory[1], memory[2], memory[3]
@@ -124,12 +123,12 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
         for k in range(pending):
             then = x - loop.past * (k + 1)
             ring[(pending - 1 - k) % pending] = delivered(loop, asked(loop, read(loop, then, 0.0), loop.past))
-        for k in range(min(remembered - pending - window, _EARLIER), 0, -1):  # what has reached the current loop before
+        for k in range(min(remembered - pending - window, _EARLIER), 0, -1):  # earlier commands of the current loop
             for part in range(2):
                 then = x - loop.past * (k + pending - part)
                 aim = delivered(loop, asked(loop, read(loop, then, 0.0), loop.past))
-                way = lagged_motion(0.0, 0.0, current, rate, aim, mu, beta, np.inf, 0.0, spans[part])
-                current, rate = way[2], way[3]
+                arrival = lagged_motion(0.0, 0.0, current, rate, aim, mu, beta, np.inf, 0.0, spans[part])
+                current, rate = arrival[2], arrival[3]
     half = periods // 2
     edge, stretch, peak = half, -1, 0.0
     first, last, rose = stored(ticks, mu, kappa, x, v), np.inf, False
@@ -138,7 +137,7 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
     random, phase = loop.seed, loop.phase
     searching = loop.search > 0
     settles = searching and loop.search < periods
-    # from `begun` on, if it is to be told how far and how fast the motion goes
+    # from `begun` on, to measure amplitude and frequency
     measuring, begun, low, high, reversals, heading = settles, 0, x, x, 0, v
     look, amplitude, equal = loop.search, np.inf, 0
     reference, next_reference, x_saved, v_saved = 0, 1, np.nan, np.nan
@@ -163,7 +162,7 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
                 measuring, begun, low, high, pushed = True, h, x, x, 0.0
         if settles and h == look:
             before_it, amplitude = amplitude, 0.5 * (high - low)
-            # above a tick, beside what friction alone would have taken away meanwhile
+            # above a tick, compared with the dissipation by friction alone
             near = _SETTLED * amplitude
             if amplitude >= 1.0:
                 near = min(near, max(1e-6 * amplitude, _NET * (h - begun) * sigma / math.sqrt(mu)))
@@ -254,14 +253,14 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
         before = ring[slot]
         ring[slot] = force
         slot = slot + 1 if slot + 1 < pending else 0
-        sent = ring[slot]  # what the amplifier has been told, by the end of this period
+        sent = ring[slot]  # the last command to the amplifier, at the end of this period
         start = x
         for part in range(2):
             held = sent if part else before
             x_before, v_before = x, v
             if natural > 0.0:
-                way = lagged_motion(x, v, current, rate, held, mu, beta, sigma, kappa, spans[part])
-                x, v, current, rate, lowest, highest = way
+                arrival = lagged_motion(x, v, current, rate, held, mu, beta, sigma, kappa, spans[part])
+                x, v, current, rate, lowest, highest = arrival
             elif part:
                 x, v = held_motion(x, v, second_span, held, mu, beta, sigma, kappa, e1, a1, b1)
             elif first_span > 0.0:
@@ -279,7 +278,7 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
                     low, high = min(low, turn), max(high, turn)
                 low, high = min(low, x), max(high, x)
                 reversals += int(heading * v < 0.0)
-            heading = v if v != 0.0 else heading  # the last velocity of the motion, which may stand meanwhile
+            heading = v if v != 0.0 else heading  # the last velocity other than 0
         still = still + 1 if v == 0.0 and x == start else 0
         back_low, back_high = min(back_low, x), max(back_high, x)
         h += 1
@@ -295,14 +294,14 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
         run.amplitude = np.inf
     elif run.reason == HORIZON or run.reason == SETTLED or run.reason == RECURRED:
         run.amplitude = 0.5 * (high - low)
-        if settles and amplitude < np.inf and 8 * (h - begun) < h:  # too short a window to tell alone
+        if settles and amplitude < np.inf and 8 * (h - begun) < h:  # the window alone is too short
             run.amplitude = max(run.amplitude, amplitude)
         run.omega = math.pi * reversals / max(h - begun, 1)
 
 
 @njit(types.void(_LOOPS, _RUNS, types.int64, types.int64[::1], _f8[:, :, ::1], _f8[::1]))
 def _run_all(loops: Any, runs: Any, periods: int, bare: Any, growth: Any, thresholds: Any) -> None:
-    """Run loops; ``bare`` is the index of each into ``growth``, −1 for one with more in it."""
+    """Run loops; ``bare`` is the index of each into ``growth``, −1 for one that is not bare."""
     longest = 1
     for k in range(len(loops)):
         longest = max(longest, math.floor(loops[k].tau_d) + 1, loops[k].periods)
@@ -323,12 +322,12 @@ def _held_somewhere(loops: Any) -> bool:
 
 
 def can_rest(loop: Any) -> bool:
-    """Whether there is a place where Coulomb friction holds whatever force the loop may command; `loop` is of `LOOP`."""
+    """Whether Coulomb friction holds, at some position, every force that the loop may command; `loop` is of `LOOP`."""
     return bool(not loop["ticks"] or loop["kappa"] > 0.0 or _held_somewhere(np.array([loop], LOOP)))
 
 
 def run_loops(loops: NDArray[Any], periods: int) -> NDArray[Any]:
-    """Run loops and classify what becomes of them.
+    """Run loops and classify their outcomes.
 
     Args:
         loops: (n,) of `LOOP`. periods: the horizon, at least 12.
@@ -350,7 +349,7 @@ def run_loops(loops: NDArray[Any], periods: int) -> NDArray[Any]:
         creeps = bool(run["amplitude"] < CREEP)
         outcome = OUTCOMES.index(decide(bool(run["rose"]), run["peaks"], at_rest=creeps, grew_past_limit=False))
         bounded = bound or (bare[k] >= 0 and thresholds[k] == np.inf)
-        # that of a search whose windows differ may be on its way to a buzz
+        # a search whose windows differ may still converge to a buzz
         restless = outcome in (MONOTONE, DECAYING) and not settles[k] and not can_rest(loops[k])
         run["outcome"] = PERSISTENT if restless or (outcome == GROWING and bounded) else outcome
     return runs

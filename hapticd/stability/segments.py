@@ -1,14 +1,14 @@
-"""Exact motion with its energies: what friction takes out while the applied force is constant.
+"""Exact motion with the energy dissipated by friction, under a constant applied force.
 
-Between two force steps the motion of :mod:`hapticd.plant.exact` falls into at most two pieces in which it goes one way
-only. On each, with v′ = g − rv, r = b/m, z = −rt,
+Between two force steps the motion of :mod:`hapticd.plant.exact` has at most two parts, each in one direction
+only. In each, with v′ = g − rv, r = b/m, z = −rt,
 
     ∫v² dt = t(v²φ₁(2z) + gt(vφ₁(z)² + gtψ(z))),      ψ(z) = ∫₀¹ u²φ₁(zu)² du = (½φ₁(z)² − φ₂(z))/z,
 
-and ∫|v| dt is the way. So the energies of viscous friction (b∫v²) and Coulomb friction (c∫|v|), eq. 28 and 36, carry no
+and ∫|v| dt is the distance. So the energies of viscous friction (b∫v²) and Coulomb friction (c∫|v|), eq. 28 and 36, have no
 integration error.
 
-A hand's stiffness makes the pieces pieces of a damped oscillation; b∫v² then follows from the work done on each piece.
+With a hand's stiffness each part is a damped oscillation; b∫v² then follows from the work done in it.
 All functions work in any consistent units: SI, or ticks and periods with (m, b, c) = (μ, β, σ).
 """
 
@@ -42,9 +42,9 @@ def _psi(z: float, phi1: float, phi2: float) -> float:
 
 @njit(types.UniTuple(_f8, 4)(_f8, _f8, _f8, _f8))
 def glide_with_square(speed: float, dt: float, g: float, rate: float) -> tuple[float, float, float, float]:
-    """Way, final speed, ∫v² dt and time taken of v′ = g − rate·v, one way, to the first stop or to the end of `dt`."""
+    """Distance, final speed, ∫v² dt and duration of v′ = g − rate·v, to the first stop or to the end of `dt`."""
     exponential, phi1, phi2 = phi_functions(-rate * dt)
-    way, end, time = glide(speed, g, rate, dt, exponential, phi1, phi2)
+    distance, end, time = glide(speed, g, rate, dt, exponential, phi1, phi2)
     if time < dt:
         exponential, phi1, phi2 = phi_functions(-rate * time)
     gained = g * time
@@ -52,23 +52,23 @@ def glide_with_square(speed: float, dt: float, g: float, rate: float) -> tuple[f
         speed * speed * (0.5 * phi1 * (1.0 + exponential))
         + gained * (speed * phi1 * phi1 + gained * _psi(-rate * time, phi1, phi2))
     )
-    return way, end, square, time
+    return distance, end, square, time
 
 
 @njit(types.UniTuple(_f8, 6)(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8))
 def move(
     x: float, v: float, dt: float, force: float, inertia: float, viscous: float, coulomb: float, stiffness: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Move exactly as :func:`hapticd.plant.spring.propagate_with_stiffness` does, and account for friction.
+    """The motion of :func:`hapticd.plant.spring.propagate_with_stiffness`, with the energies of friction.
 
     Args:
         x: position. v: velocity. dt: duration, ≥ 0. force: constant, friction not included.
-        inertia: > 0. viscous: ≥ 0. coulomb: ≥ 0, also the stiction. stiffness: of a spring that is relaxed at x = 0, ≥ 0.
+        inertia: > 0. viscous: ≥ 0. coulomb: ≥ 0, also the stiction. stiffness: of a spring with its rest at x = 0, ≥ 0.
 
     Returns:
-        Position and velocity after `dt`; b∫v² dt (eq. 36), never negative, with a stiffness good to rounding of the
-        energies exchanged; the way ∫|v| dt, of which Coulomb friction takes c times the length; the lowest and the
-        highest position on the way.
+        Position and velocity after `dt`; b∫v² dt (eq. 36), never negative, with a stiffness accurate to rounding of the
+        energies exchanged; the distance ∫|v| dt, for the energy c∫|v| dt of Coulomb friction; the lowest and the
+        highest position.
     """
     square, drag, path = 0.0, 0.0, 0.0
     low, high = x, x
@@ -82,7 +82,7 @@ def move(
             sign = math.copysign(1.0, pull)
         speed, net = abs(v), sign * pull - coulomb
         if stiffness == 0.0:
-            way, end, more, time = glide_with_square(speed, dt, net / inertia, viscous / inertia)
+            distance, end, more, time = glide_with_square(speed, dt, net / inertia, viscous / inertia)
             last = not time < dt
             square += more
         else:
@@ -90,14 +90,16 @@ def move(
             time = time_to_rest(speed, net / inertia, alpha, omega2)
             last = not time < dt
             rate, s, p = spring_functions(dt if last else time, alpha, omega2)
-            way = speed * s + net / inertia * p
+            distance = speed * s + net / inertia * p
             end = speed * rate + net / inertia * s if last else 0.0
-            drag += max(0.0, way * (net - 0.5 * stiffness * way) + 0.5 * inertia * (speed - end) * (speed + end))
-        x += sign * way
+            drag += max(
+                0.0, distance * (net - 0.5 * stiffness * distance) + 0.5 * inertia * (speed - end) * (speed + end)
+            )
+        x += sign * distance
         v = sign * end
-        path += way
+        path += distance
         low, high = min(low, x), max(high, x)
-        # The second: a half period too short to move the clock.
+        # The second condition: a half period below the resolution of the time.
         if last or (dt - time == dt and speed == 0.0):
             break
         dt -= time

@@ -1,7 +1,7 @@
-"""The storage function of the quantised spring (eq. 31–35) and what follows from it alone.
+"""The storage function of the quantised spring (eq. 31–35), and velocities and deflections of equal energy.
 
 H_T(ξ, ξ̇) = ½μξ̇² + ½ξ² + ½(ρ − ρ²), with ρ = ξ − ⌊ξ⌋. The potential part is piecewise linear: on [n, n + 1) it is
-½n² + (n + ½)ρ, and that form is the one computed, because it does not cancel.
+½n² + (n + ½)ρ; this form is computed, because it has no cancellation.
 All functions broadcast; positions in coarse ticks from the spring's origin, velocities in ticks per period.
 """
 
@@ -42,12 +42,12 @@ def storage(xi: ArrayLike, xi_dot: ArrayLike, mu: ArrayLike, kappa: ArrayLike = 
 
 
 def equivalent_velocity(xi_0: ArrayLike, mu: ArrayLike, kappa: ArrayLike = 0.0) -> FloatArray:
-    """Velocity that carries the energy of a release at rest from ξ₀ (Sec. V): √(2H_T(ξ₀, 0)/μ), ticks per period."""
+    """Velocity with the energy of a release at rest from ξ₀ (Sec. V): √(2H_T(ξ₀, 0)/μ), ticks per period."""
     return np.asarray(np.sqrt(2.0 * storage(xi_0, 0.0, mu, kappa) / np.asarray(mu, dtype=np.float64)))
 
 
 def equivalent_deflection(xi_dot: ArrayLike, mu: ArrayLike) -> FloatArray:
-    """Deflection ξ₀ ≥ 0 whose release at rest carries the energy ½μξ̇²: the inverse of `equivalent_velocity` (κ = 0)."""
+    """Deflection ξ₀ ≥ 0 whose release at rest has the energy ½μξ̇²: the inverse of `equivalent_velocity` (κ = 0)."""
     energy = 0.5 * np.asarray(mu, dtype=np.float64) * np.asarray(xi_dot, dtype=np.float64) ** 2
     tick = np.floor(np.sqrt(2.0 * energy))
     return np.asarray(tick + (energy - 0.5 * tick * tick) / (tick + 0.5))
@@ -59,13 +59,13 @@ def velocity_bound(
     """ξ̇_max of eq. 13 from the initial state, for a motion that dissipates from its first force step on.
 
     Without delay this is √(2H_T/μ), which is |ξ̇₀| when ξ₀ = 0 (eq. 14). With delay no force acts before τ_D: the mass
-    coasts at most |ξ̇₀|τ_D, and the energy of the quantised spring may rise that far before the argument of Sec. VI-D
-    starts. That rise is included; with κ > 0 only for a start at rest or at the origin, because a hand's spring could carry
-    the mass further than it coasts.
+    coasts at most |ξ̇₀|τ_D, and the energy of the quantised spring may rise accordingly before the proof of Sec. VI-D
+    applies. That rise is included; with κ > 0 only for a start at rest or at the origin, because a hand's spring could move
+    the mass further.
     """
     start = np.asarray(xi_0, dtype=np.float64)
     velocity = np.asarray(xi_dot_0, dtype=np.float64)
     end = start + velocity * np.asarray(tau_d, dtype=np.float64)
     stored = np.maximum(potential(start), potential(end)) + 0.5 * np.asarray(kappa, dtype=np.float64) * start * start
-    # hypot keeps |ξ̇₀| exact when nothing is stored
+    # hypot gives exactly |ξ̇₀| when no energy is stored
     return np.asarray(np.hypot(velocity, np.sqrt(2.0 * stored / np.asarray(mu, dtype=np.float64))))

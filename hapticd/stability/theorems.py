@@ -1,10 +1,10 @@
-"""Which configurations the proofs cover, and up to which speed: the two theorems with everything that is in a loop.
+"""Configurations and speeds that the proofs cover: the two theorems for every component of a loop.
 
-The commanded force of sample h is −p(ξ(h)) − β_v v(h) + e(h). Of the spring p the proofs use no more than that its slope
-lies between 0 and 1, so that S = ½μξ̇² + ½κξ² + ∫p covers both directions and one, with the half tick and without (p about
-ξ = ½ then), and every saturation of a current. What each thing costs, line by line in docs/explanation/stability.md:
+The commanded force of sample h is −p(ξ(h)) − β_v v(h) + e(h). Of the spring p the proofs use only that its slope
+lies between 0 and 1, so that S = ½μξ̇² + ½κξ² + ∫p covers two-sided and one-sided springs, with and without the half tick (p
+about ξ = ½ then), and every current saturation. Cost of each component (derivation: docs/explanation/stability.md):
 
-| in the loop | costs |
+| in the loop | cost |
 |---|---|
 | ticks with or without the half tick, two-sided or one-sided | q = ½ |
 | position dither of ±a ticks of N counts | q + ⌈Na⌉/N |
@@ -12,12 +12,12 @@ lies between 0 and 1, so that S = ½μξ̇² + ½κξ² + ∫p covers both direc
 | a converter with a step of s ticks of force | q + s/2 |
 | saturation, a hand's stiffness | nothing |
 | delay T_D | λ(τ_D) in place of ½ |
-| virtual damping β_v, whose velocity ticks blur by the grain g | λ(τ_D, β_v), q + β_v g |
-| the same, by the difference over n periods | once, in the first n periods, S may rise |
-| a current loop of second order, which is no delay | λ(τ + θ) and q weighted with its impulse response (`lagged`) |
+| virtual damping β_v, with the quantisation error g of its velocity | λ(τ_D, β_v), q + β_v g |
+| the same, with the difference over n periods | S may rise once, in the first n periods |
+| a second-order current loop instead of a delay | λ(τ + θ) and q weighted with its impulse response (`lagged`) |
 
-Not covered: effects of the plant that push or lag, the passivity controller, a spring that is switched on softly.
-Where a number of the device is assumed (`hapticd.config.assumed`), a theorem that holds proves nothing of the device.
+Not covered: effects of the plant that add energy or lag, the passivity controller, a soft start.
+If a number of the device is assumed (`hapticd.config.assumed`), a theorem that holds proves nothing for the device.
 """
 
 from __future__ import annotations
@@ -41,14 +41,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Proof:
-    """What is proven of a loop.
+    """The proof for a loop.
 
     Attributes:
         numbers: the operating point. q: the largest error of its force, in ticks. lam: λ, its λ.
-        offset: of the spring's origin from that of the ticks. late: how long a first force takes to arrive in full beyond
-            the delay, periods. differenced: (n − 1) β_v/2 and β_v Σ(1/j − 1/n), by which S may rise in the first n periods.
+        offset: of the spring's origin from that of the ticks. late: additional time until the first force acts in full,
+            after the delay, periods. differenced: (n − 1) β_v/2 and β_v Σ(1/j − 1/n), by which S may rise in the first n
+            periods.
         periods: n. damps: whether there is a virtual damping.
-        assumed: keys of the device that the config does not say; with any of them nothing is proven.
+        assumed: keys of the device that the config does not contain; with any of them nothing is proven.
     """
 
     numbers: Dimensionless
@@ -63,9 +64,9 @@ class Proof:
 
     @property
     def speed_limit(self) -> float:
-        """ξ̇_max (13) up to which S cannot rise but once, ticks per period, where `margin` is zero; 0: nothing is proven.
+        """ξ̇_max (13) up to which S rises at most once, ticks per period, where `margin` is zero; 0: nothing is proven.
 
-        `top_speed` solved for its argument; infinite where no speed matters.
+        `top_speed` solved for its argument; infinite if the proof holds at every speed.
         """
         missing, left = self.lam - self.numbers.beta, self.numbers.sigma - self.q
         a = 0.5 * self.numbers.mu - self.differenced[0]
@@ -81,20 +82,20 @@ class Proof:
 
     @property
     def words(self) -> str:
-        """One sentence that says up to which speed S cannot rise."""
+        """One sentence: up to which speed S cannot rise."""
         which = "theorem 1" if self.numbers.tau_d == 0.0 and not self.damps else "theorem 2"
         limit = self.speed_limit
         how = "at any speed" if math.isinf(limit) else f"up to {limit:.3g} ticks per period"
-        says = f"would prove, were the assumed {', '.join(self.assumed)} true," if self.assumed else "proves"
+        says = f"would prove, if the assumed {', '.join(self.assumed)} were true," if self.assumed else "proves"
         text = f"{which} {says} that the energy S cannot rise {how} (λ = {self.lam:.3f}, q = {self.q:.3f})"
         if self.periods > 1:
-            text += f", but for the first {self.periods} periods, in which the velocity is differenced over fewer"
+            text += f", except in the first {self.periods} periods, whose velocity is a difference over fewer periods"
         return text
 
     def top_speed(self, xi_dot_max: float) -> float:
-        """The speed that is never exceeded where S cannot rise but once.
+        """The speed that is never exceeded if S rises at most once.
 
-        With ½μv² the energy (13), the spring's origin aside, and u the speed sought, what is gained once is linear and
+        With ½μv² the energy (13), without the offset o of the origin, and u this speed, the one rise is linear and
         quadratic in u: ½μu² ≤ ½(√μ v + o)² + (o τ_D + (√μ v + o) late) u + (first periods of an averaged velocity).
         """
         quadratic, linear = self.differenced
@@ -117,10 +118,10 @@ class Proof:
 
 
 def proof_of(config: Config, loop: Loop) -> Proof | None:
-    """The written proof that covers a configuration; None where there is none, whatever the motion.
+    """The proof that covers a configuration; None if there is none for any motion.
 
     Args:
-        config: the configuration. loop: it in SI units, the driver's latency included (or another loop of the same kind).
+        config: the configuration. loop: the same in SI units, with the driver's latency (or another loop of the same kind).
     """
     if loop.stiffness == 0.0 or next(unproven(config), None) is not None:
         return None
@@ -143,15 +144,15 @@ def proof_of(config: Config, loop: Loop) -> Proof | None:
 
 
 def proven(config: Config, loop: Loop, xi_dot_max: float | None) -> bool:
-    """Whether a theorem holds for a configuration and a motion, and none of its numbers is assumed; arguments as `holds`."""
+    """Whether a theorem holds for a configuration and a motion, and none of its numbers is assumed; see `holds`."""
     return not assumed(config) and holds(config, loop, xi_dot_max)
 
 
 def holds(config: Config, loop: Loop, xi_dot_max: float | None) -> bool:
-    """Whether a written proof covers a configuration and a motion, by its numbers.
+    """Whether a proof covers a configuration and a motion.
 
     Args:
-        config: the configuration. loop: it in SI units.
+        config: the configuration. loop: the same in SI units.
         xi_dot_max: velocity bound (13) of the motion, ticks per period; None for every motion.
     """
     proof = proof_of(config, loop)
@@ -159,7 +160,7 @@ def holds(config: Config, loop: Loop, xi_dot_max: float | None) -> bool:
 
 
 def unproven(config: Config) -> Iterator[str]:
-    """What of a configuration no proof covers, in words."""
+    """Parts of a configuration that no proof covers, in words."""
     if outside := uncovered(config):
         yield f"plant.effects ({', '.join(outside)})"
     if config.safety.passivity == "control":
@@ -167,7 +168,7 @@ def unproven(config: Config) -> Iterator[str]:
 
 
 def uncovered(config: Config) -> list[str]:
-    """Effects of the plant that are no exact edits of the loop in which the proofs hold."""
+    """Effects of the plant that are not exact edits of the loop for which the proofs hold."""
     return [
         listed.name
         for listed in config.plant.effects

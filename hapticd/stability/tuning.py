@@ -1,13 +1,13 @@
-"""Limits on single parameters: largest stiffness, delay, tick and period; the grip that makes a device passive.
+"""Limits of single parameters: largest stiffness, delay, tick and period; the grip that makes a device passive.
 
-The criterion is solved for one SI parameter of the loop with the motion held fixed in SI units, so that everything that
-depends on the parameter moves with it (K is in μ, β, σ, q and, for a release, in ξ̇_max).
+The criterion is solved for one SI parameter of the loop with the motion fixed in SI units, so that everything that
+depends on the parameter changes with it (K is in μ, β, σ, q and, for a release, in ξ̇_max).
 
-**One crossing in K.** Times KΔ, the criterion reads c − KqΔ + v(b/T − Kλ)Δ ≥ 0 for all v ≤ ξ̇_max, KqΔ being a line in K.
-Up to K = b/(Tλ) the last term is no hindrance; beyond, it falls, v being fixed (hand velocity) or growing as √K (release).
-So the margin changes sign once, and since with the K of σ = q it is not positive, a solution exists whenever c is more than
-the converter's error. The same holds for T and T_D: λ and Tλ rise with them (f(1 − f) and all, as their derivatives show).
-In Δ a release makes ripples (ρ in (35)), so decimations are searched one by one.
+**One zero in K.** Multiplied with KΔ, the criterion is c − KqΔ + v(b/T − Kλ)Δ ≥ 0 for all v ≤ ξ̇_max, with KqΔ linear in K.
+Up to K = b/(Tλ) the last term is ≥ 0; beyond, it decreases, v being fixed (hand velocity) or growing as √K (release).
+So the margin changes sign once, and because it is not positive for the K of σ = q, a solution exists whenever c is larger
+than the converter's error. The same holds for T and T_D: λ and Tλ rise with them (by their derivatives, also with f(1 − f)).
+In Δ the margin of a release is not monotone (ρ in (35)), so decimations are searched one by one.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Start:
         return loop.scales.position_to_xi(self.deflection), loop.scales.velocity_to_xi_dot(self.velocity)
 
     def xi_dot_max(self, loop: Loop) -> float:
-        """Velocity bound (13) in ticks per period, a release turned into its equivalent velocity."""
+        """Velocity bound (13) in ticks per period; for a release, its equivalent velocity."""
         n, (xi, xi_dot) = loop.numbers, self.to_ticks(loop)
         if loop.stiffness == 0.0:
             return abs(xi_dot)
@@ -56,7 +56,7 @@ class Start:
 
 
 def margin(loop: Loop, start: Start) -> float:
-    """Margin of the criterion for a motion, in ticks' worth of force; ≥ 0 means that it dissipates."""
+    """Margin of the criterion for a motion, in ticks of force; ≥ 0: it dissipates."""
     return criterion_margin(loop.numbers, start.xi_dot_max(loop))
 
 
@@ -64,10 +64,10 @@ def stiffness_max_passive(loop: Loop) -> float:
     """Largest K that is passive, at any speed: Abbott and Okamura's inequality, with delay and with coarser forces.
 
     K ≤ min(2b/T, 2c/Δ) (J. J. Abbott, A. M. Okamura, IEEE Trans. Robotics 21, 2005; eq. 17, 18 of the paper). With delay
-    b/(Tλ) stands for 2b/T; dither and the converter's step take their part of c and make Δ larger.
+    b/(Tλ) replaces 2b/T; dither and the converter's step reduce c and enlarge Δ.
 
     Returns:
-        K in N m/rad or N/m; 0 when no stiffness will do.
+        K in N m/rad or N/m; 0 if no stiffness is passive.
     """
 
     def least(K: float) -> float:
@@ -75,41 +75,41 @@ def stiffness_max_passive(loop: Loop) -> float:
 
     viscous = loop.viscous / (loop.period * float(lambda_(loop.delay / loop.period)))
     K = min(viscous, _holding(loop))
-    # to the right side of its rounding
+    # on the safe side of rounding
     return _largest(least, K * (1.0 + 1e-12), K * (1.0 - 1e-12)) if K > 0.0 else 0.0
 
 
 def stiffness_max_dissipating(loop: Loop, start: Start) -> float:
-    """Largest K for which the criterion holds for a motion that starts like this, correct to the last bit.
+    """Largest K for which the criterion holds for a motion with this start, exact to the last bit.
 
     Returns:
-        K in N m/rad or N/m; 0 when no stiffness will do (too little Coulomb friction).
+        K in N m/rad or N/m; 0 if it holds for none (too little Coulomb friction).
     """
     highest = _holding(loop)
     return _largest(lambda K: margin(replace(loop, stiffness=K), start), highest) if highest > 0.0 else 0.0
 
 
 def _holding(loop: Loop) -> float:
-    """The K at which Coulomb friction just holds the largest error of the force; 0 where it holds none."""
+    """The K at which Coulomb friction just holds the largest error of the force; 0 if it holds none."""
     return max(0.0, (loop.coulomb - loop.force_error) / ((0.5 + loop.position_error) * loop.resolution))
 
 
 def grip_damping(loop: Loop) -> float:
-    """Least damping a hand must add to bring β to λ: out of E into A (Sec. III-B), or into F1 with delay.
+    """Smallest damping of a hand that brings β to λ: from E to A (Sec. III-B), with delay to F1.
 
     Returns:
-        KTλ − b in N m s/rad or N s/m, or 0 if the device has enough of its own.
+        KTλ − b in N m s/rad or N s/m, or 0 if the device has enough damping.
     """
     needed = loop.stiffness * loop.period * float(lambda_(loop.delay / loop.period))
     return max(0.0, needed - loop.viscous)
 
 
 def path(loop: Loop, parameter: Parameter, factors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The way of the operating point in the (β, σ) plane as K, T or Δ is multiplied by each factor (Fig. 4).
+    """The path of the operating point in the (β, σ) plane when K, T or Δ is multiplied by each factor (Fig. 4).
 
     Returns:
-        β and σ, each the shape of `factors`. More K leads straight towards the origin, more T lowers β alone, more Δ
-        lowers σ alone.
+        β and σ, each the shape of `factors`. A larger K moves it straight towards the origin, a larger T lowers β only,
+        a larger Δ lowers σ only.
     """
     n, scale = loop.numbers, 1.0 / np.asarray(factors, dtype=np.float64)
     same = np.ones_like(scale)

@@ -1,13 +1,13 @@
-"""How sure is a verdict? The criterion under the uncertainty of inertia, friction and delay (``plant.uncertainty``).
+"""Probability of stability under the uncertainty of inertia, friction and delay (``plant.uncertainty``).
 
-Every draw (`hapticd.stability.draws`) is judged as the config itself is: the same config gives the same answer.
-The torque constant has no part in it: μ, β and σ are ratios of what it scales (`hapticd.identify.workflow`).
+Every draw (`hapticd.stability.draws`) is judged like the config itself. The same config always gives the same result.
+The torque constant is not drawn: μ, β and σ are ratios in which it cancels (`hapticd.identify.workflow`).
 
-K_max at 95 % is the largest stiffness that at most 5 % of the draws do not admit. For one device the margin has one change
+K_max at 95 % is the largest stiffness that is unstable in at most 5 % of the draws. For one device the margin has one change
 of sign in K (`hapticd.stability.tuning`), so it is the 5 % quantile of the largest stiffnesses.
 
-With virtual damping fewer draws are judged, by proof or by exploration, passivity by Colgate and Schenkel's bound or
-λ, and no largest stiffness is named.
+With virtual damping there are fewer draws, judged by proof or exploration, passivity by Colgate and Schenkel's bound or
+λ, and no largest stiffness is given.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ LEVEL: Final = 0.95
 _LOG2_DRAWS: Final = 10
 _LOG2_DRAWS_DAMPED: Final = 7
 """Each of them runs the exact loop."""
-#: Regions in which a draw that no theorem proves is worth exploring.
+#: Regions in which a draw without a proof is explored.
 _HOPEFUL: Final = CALM | {"F2"}
 _LEAST_SHARE: Final = 0.02
-"""Of the margin's variance, below which no parameter is said to decide."""
+"""Smallest share of the margin's variance with which a parameter is reported as decisive."""
 
 
 @dataclass(frozen=True)
 class Confidence:
-    """What is sure of an operating point.
+    """Probabilities of an operating point.
 
     Attributes:
-        stable: probability that the motion (any motion, where none is asked about) dies out.
+        stable: probability that the motion (any motion, if none was requested) dies out.
         passive: probability that no motion can gain energy, by proof.
-        decides: the parameter whose error moves the margin most; None where nothing does.
-        shares: of the margin's variance that each parameter explains, with what it is correlated with.
+        decides: the parameter with the largest influence on the margin; None if none has.
+        shares: of the margin's variance that each parameter explains, with its correlated parameters.
         stiffness_max: largest K that is stable with a probability of `LEVEL`; None with virtual damping.
         beta, sigma: (n,) operating points of the draws.
     """
@@ -86,7 +86,7 @@ class Confidence:
         return text
 
     def _percent(self, probability: float) -> str:
-        """In words that never claim certainty."""
+        """A percentage, never exactly 0 or 100."""
         draws = self.beta.size
         if probability > 1.0 - 1.0 / draws:
             return f"more than {100.0 * (1.0 - 1.0 / draws):.1f} %"
@@ -96,10 +96,10 @@ class Confidence:
 
 
 def confidence(found: Assessment) -> Confidence | None:
-    """Probabilities for an assessed configuration and motion; None where its config has no uncertainty.
+    """Probabilities for an assessed configuration and motion; None if its config has no uncertainty.
 
     Args:
-        found: what the theory says of the config as it stands.
+        found: the assessment of the config itself.
     """
     uncertainty = found.config.plant.uncertainty
     if not uncertainty.is_known or found.loop.stiffness == 0.0:
@@ -146,7 +146,7 @@ def _of_spring(found: Assessment, loops: Sequence[Loop]) -> _Judged:
         ]
     )
     passive = np.array([holds(found.config, loop, None) for loop in loops])
-    # What is open is what a parameter can decide.
+    # a parameter can only decide a property that differs between draws
     of_passivity = _is_open(passive) and not _is_open(stable)
     bounds = [None if of_passivity or start is None else start.xi_dot_max(loop) for loop in loops]
     margins = np.array([criterion_margin(loop.numbers, bound) for loop, bound in zip(loops, bounds, strict=True)])
@@ -155,7 +155,7 @@ def _of_spring(found: Assessment, loops: Sequence[Loop]) -> _Judged:
 
 
 def _with_damping(found: Assessment, loops: Sequence[Loop]) -> _Judged:
-    """By the same rules as `check`: proof or exploration, and Colgate and Schenkel's bound."""
+    """By the rules of `check`: proof or exploration, and Colgate and Schenkel's bound."""
     stable = np.array([_holds(found, loop) or _rests(found, loop) for loop in loops])
     passive = np.array([damped(found.config, loop).passive for loop in loops])
     open_answer = passive if _is_open(passive) and not _is_open(stable) else stable
@@ -163,7 +163,7 @@ def _with_damping(found: Assessment, loops: Sequence[Loop]) -> _Judged:
 
 
 def _moved(found: Assessment, errors: Floats) -> Loop:
-    """The loop of one draw. What the hand and the effects add to the plant stays as it is."""
+    """The loop of one draw. The parts of the hand and of effects are not changed."""
     loop, plant = found.loop, found.config.plant
     inertia, viscous, coulomb, delay = errors.tolist()
 
@@ -185,7 +185,7 @@ def _holds(found: Assessment, loop: Loop) -> bool:
 
 
 def _rests(found: Assessment, loop: Loop) -> bool:
-    """Whether every one of some starts comes to rest."""
+    """Whether all of a few starts come to rest."""
     motion = None if found.start is None else found.start.to_ticks(loop)
     return explore(found.config, loop=loop, motion=motion, effort=DRAW).stable
 

@@ -1,4 +1,4 @@
-"""A loop with all that the servo renders as one record: what it commands and stores, and the configuration that it is of."""
+"""A loop with everything that the servo renders as one record; its commands and its energy; from a configuration."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from hapticd.stability.outcome import STRETCHES
 if TYPE_CHECKING:
     from hapticd.config import Config
 
-#: Position in ticks at which a run ends as grown, if growth was not proven before.
+#: Position in ticks at which a run ends as growing, if growth was not proven before.
 LIMIT: Final = 1e9
 
-#: A loop and the start of its motion; `blank` has what is neutral.
+#: A loop and the start of its motion; neutral values: `blank`.
 LOOP: Final = np.dtype(
     [
         ("mu", "f8"),
@@ -35,28 +35,28 @@ LOOP: Final = np.dtype(
         ("side", "f8"),  # of a wall: 1 positive, −1 negative; 0 for both
         ("beta_v", "f8"),  # virtual damping B/(KT)
         ("periods", "i8"),  # over which the damper takes its difference
-        ("keep", "f8"),  # what a period leaves of its low-pass; 0 for the plain difference
+        ("keep", "f8"),  # decay of its low-pass per period; 0 for the plain difference
         ("waveform", "i8"),  # of the dither, an index into `WAVEFORMS`
         ("position_dither", "f8"),  # its peak in ticks
         ("force_dither", "f8"),  # its peak in ticks of force
-        ("turns", "f8"),  # of its phase in a period
+        ("turns", "f8"),  # change of its phase per period
         ("phase", "f8"),  # at the start, turns
         ("seed", "i8"),
-        ("grain", "i8"),  # counts a tick, where position dither reads them
+        ("grain", "i8"),  # counts per tick, for position dither
         ("step", "f8"),  # of the converter, ticks of force; 0 for none
         ("codes", "f8"),  # its largest code
         ("clip", "f8"),  # largest force, ticks
         ("natural", "f8"),  # ω of a current loop behind τ_D, rad per period; 0 for none
-        ("ratio", "f8"),  # and its damping ratio δ
-        ("counts", "i8"),  # in a tick, as the passivity controller reads them; 0 for no controller
+        ("ratio", "f8"),  # its damping ratio δ
+        ("counts", "i8"),  # per tick, for the passivity controller; 0 for no controller
         ("stiffest", "f8"),  # its α T in units of K
-        ("force_limit", "f8"),  # within which it adds, ticks of force
-        ("ticks", "?"),  # whether the loop sees ticks, or the true position
-        ("xi", "f8"),  # where the motion starts, ticks
-        ("xi_dot", "f8"),  # and how fast, ticks per period
-        ("known", "?"),  # whether the servo has run before, at `past` ticks per period to where the motion starts
+        ("force_limit", "f8"),  # limit of the sum with its force, ticks of force
+        ("ticks", "?"),  # whether the position is quantised
+        ("xi", "f8"),  # initial position, ticks
+        ("xi_dot", "f8"),  # initial velocity, ticks per period
+        ("known", "?"),  # whether the servo has run before, at the constant velocity `past`, ticks per period
         ("past", "f8"),
-        ("far", "f8"),  # beyond which it counts as gone, ticks
+        ("far", "f8"),  # position at which a run ends as growing, ticks
         ("search", "i8"),  # first window of a search, periods; 0: it ends only at rest, `far` and the horizon
     ],
     align=True,
@@ -64,8 +64,8 @@ LOOP: Final = np.dtype(
 WAVEFORMS: Final = ("none", "sine", "triangle", "square", "uniform")
 UNIFORM: Final = WAVEFORMS.index("uniform")
 
-#: What became of it. ``outcome`` is an index into `OUTCOMES`, ``reason`` one of `hapticd.stability.sampled_loop`. ``cycle``:
-#: periods after which it recurs, 0 if that was not found. ``amplitude`` (ticks, half of peak to peak, turning points located
+#: Result of a run. ``outcome`` is an index into `OUTCOMES`, ``reason`` one of `hapticd.stability.sampled_loop`. ``cycle``:
+#: periods after which it recurs, 0 if not found. ``amplitude`` (ticks, half of peak to peak, turning points located
 #: exactly) and ``omega`` (rad per period, π times the mean number of reversals) are of one cycle if it recurs, of the last
 #: window of a search that settles, else of the last twelfth of the horizon; 0 at rest, an infinite amplitude where it grows.
 RUN: Final = np.dtype(
@@ -79,10 +79,10 @@ RUN: Final = np.dtype(
         ("xi_dot", "f8"),
         ("amplitude", "f8"),
         ("omega", "f8"),
-        ("centre", "f8"),  # ticks, the middle of where it goes
-        ("lean", "f8"),  # mean force, ticks: not 0 where it goes longer one way than the other
+        ("centre", "f8"),  # ticks, middle of its range
+        ("lean", "f8"),  # mean force, ticks: not 0 if the halves of a cycle differ in length
         ("added", "f8"),  # largest force that the passivity controller added, ticks
-        ("largest", "f8"),  # largest force asked for at all, ticks
+        ("largest", "f8"),  # largest force requested, ticks
         ("peaks", "f8", STRETCHES),
     ],
     align=True,
@@ -92,7 +92,7 @@ _SIDES: Final = {"both": 0.0, "positive": 1.0, "negative": -1.0}
 
 
 def blank(shape: int | tuple[int, ...]) -> NDArray[Any]:
-    """Loops of eq. 2 with nothing more in them, of `LOOP`; μ, β, σ, τ_D, κ and the start are left at 0."""
+    """Loops of eq. 2 and nothing else, of `LOOP`; μ, β, σ, τ_D, κ and the start are 0."""
     loops = np.zeros(shape, LOOP)
     loops["bias"], loops["periods"], loops["grain"], loops["ticks"] = 0.5, 1, 1, True
     loops["clip"], loops["force_limit"], loops["far"] = np.inf, np.inf, LIMIT
@@ -108,7 +108,7 @@ def energy(x: float, v: float, mu: float) -> float:
 
 @njit(inline=True)
 def stored(ticks: bool, mu: float, kappa: float, x: float, v: float) -> float:
-    """Energy of a state in KΔ², a hand's stiffness included; without ticks the spring's is ½ξ²."""
+    """Energy of a state in KΔ², with that of a hand's stiffness; without ticks the spring's is ½ξ²."""
     own = energy(x, v, mu) if ticks else 0.5 * (mu * v * v + x * x)
     return own + 0.5 * kappa * x * x if kappa > 0.0 else own
 
@@ -126,7 +126,7 @@ def wave(waveform: int, phase: float) -> float:
 
 @njit(inline=True)
 def read(loop: Any, x: float, dither: float) -> float:
-    """What the spring reads: the tick, with position dither that of the count and the dither."""
+    """Position that the spring uses: the tick, with position dither the tick of count plus dither."""
     if loop.position_dither > 0.0:
         return float(math.floor(math.floor(x * loop.grain) / loop.grain + loop.position_dither * dither))
     return float(math.floor(x)) if loop.ticks else x
@@ -134,7 +134,7 @@ def read(loop: Any, x: float, dither: float) -> float:
 
 @njit(inline=True)
 def asked(loop: Any, read: float, velocity: float) -> float:
-    """Force of spring and damper for what they read, in ticks; a wall does not pull."""
+    """Force of spring and damper for a position and a velocity, in ticks; a wall does not pull."""
     force = -(read + loop.bias) - loop.beta_v * velocity if loop.ticks else -read - loop.beta_v * velocity
     if (loop.side > 0.0 and (read < 0.0 or force > 0.0)) or (loop.side < 0.0 and (read >= 0.0 or force < 0.0)):
         return 0.0
@@ -143,7 +143,7 @@ def asked(loop: Any, read: float, velocity: float) -> float:
 
 @njit(inline=True)
 def delivered(loop: Any, force: float) -> float:
-    """What amplifier and converter make of a force, in ticks."""
+    """The force after converter and saturation, in ticks."""
     force = max(-loop.clip, min(loop.clip, force))
     if loop.step > 0.0:
         force = loop.step * max(-loop.codes - 1.0, min(loop.codes, np.rint(force / loop.step)))
@@ -153,7 +153,7 @@ def delivered(loop: Any, force: float) -> float:
 
 @njit(inline=True)
 def stays(loop: Any, x: float, force: float) -> bool:
-    """Whether stiction holds a mass that stands at x, under this force and under any that dither can make of it in time."""
+    """Whether stiction holds a mass at rest at x, under this force and every force that dither can make of it."""
     low = delivered(loop, asked(loop, read(loop, x, 1.0), 0.0) - loop.force_dither)
     high = delivered(loop, asked(loop, read(loop, x, -1.0), 0.0) + loop.force_dither)
     pull, sigma = loop.kappa * x, loop.sigma
@@ -163,12 +163,12 @@ def stays(loop: Any, x: float, force: float) -> bool:
     return bool(abs(low - pull) <= sigma and abs(high - pull) <= sigma and abs(force - pull) <= sigma)
 
 
-#: What is neutral in a bare loop, beside `blank`; `periods`, `keep` and `seed` then say nothing.
+#: Fields that are neutral in a bare loop; `periods`, `keep` and `seed` are then not used.
 _NEUTRAL: Final = ("kappa", "side", "beta_v", "position_dither", "force_dither", "step", "counts", "natural")
 
 
 def is_bare(loops: NDArray[Any]) -> NDArray[np.bool_]:
-    """Which loops (n,) are the spring of eq. 7–9 and nothing more."""
+    """Whether each loop (n,) is the spring of eq. 7–9 and nothing else."""
     bare = loops["ticks"] & (loops["bias"] == 0.5) & np.isinf(loops["clip"])
     for name in _NEUTRAL:
         bare = bare & (loops[name] == 0)
@@ -184,7 +184,7 @@ def bare_loop(numbers: Dimensionless) -> NDArray[Any]:
 
 
 def record_of(config: Config, loop: Loop) -> NDArray[Any]:
-    """A configuration as a loop to be run, at rest at its origin; (1,) of `LOOP`."""
+    """The loop of a configuration, at rest at its origin; (1,) of `LOOP`."""
     loop = sprung(loop)
     numbers, scales, spring, dither = loop.numbers, loop.scales, config.spring, config.dither
     amplifier = config.amplifier

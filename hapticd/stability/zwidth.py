@@ -1,17 +1,17 @@
-"""The Z-width of a device: which stiffness K it renders with which virtual damping B, whoever holds it and however fast.
+"""The Z-width of a device: the stiffness K and virtual damping B that it renders stably, in every hand and at every speed.
 
-Colgate and Brown ("Factors affecting the Z-width of a haptic display", ICRA 1994) call so the range of impedances that a
-device renders passively. Here every point of the (B, K) plane is run exactly, with ticks and friction, once for each hand
-and speed, and is what the worst of them says:
+Z-width: the range of impedances that a device renders passively (Colgate and Brown, "Factors affecting the Z-width of a
+haptic display", ICRA 1994). Here every point of the (B, K) plane is simulated exactly, with ticks and friction, once for
+each hand and speed; the worst outcome counts:
 
-* **hands**: none, growing parts of the human operator of Table II in parallel, and the config's own. A rotary device is held
-  by a handle of some radius;
-* **speeds**: motions through the spring's origin, from one that goes two ticks far up to the fastest that the limits admit:
-  `safety.max_velocity`, or less where the motion would pass `safety.max_excursion`, or where the force of K and B would pass
-  the peak current, beyond which it is not K and B that are rendered. Each begins at another place within a tick.
+* **hands**: none, increasing fractions of the human operator of Table II in parallel, and the config's hand. A rotary device
+  is held by a handle of a given radius;
+* **speeds**: motions through the spring's origin, from an amplitude of two ticks to the fastest that the limits admit:
+  `safety.max_velocity`, or less if the motion would exceed `safety.max_excursion`, or if the force of K and B would exceed
+  the peak current, above which K and B are not rendered. Each begins at another position within a tick.
 
-A point is *calm* if its motions die out or end in less than one tick. Beside it stand the exact boundary of the linear loop
-(`hapticd.stability.linear_loop`), what a theorem proves, and what is passive.
+A point is *calm* if its motions die out or end below one tick. The result also has the exact boundary of the linear loop
+(`hapticd.stability.linear_loop`), the range that a theorem proves, and the passive range.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from hapticd.stability.theorems import proven
 from hapticd.stability.tuning import Start
 from hapticd.stability.whole_loop import blank
 
-#: What becomes of a motion, from the best to the worst.
+#: Outcomes of a motion, from the best to the worst.
 VERDICTS: Final = ("stable", "buzzes", "oscillates", "unstable")
 STABLE, BUZZES, OSCILLATES, UNSTABLE = range(4)
-#: Parts of the human operator that hold the device.
+#: Fractions of the human operator in parallel with the device.
 GRIPS: Final = (0.0, 0.1, 0.3, 1.0)
 #: Radius in m of the handle of a rotary device.
 RADIUS: Final = 0.02
@@ -48,24 +48,24 @@ SPEEDS: Final = 5
 _SLOWEST: Final = 2.0
 """Amplitude in ticks of the slowest motion."""
 _UNLIMITED: Final = 1000.0
-"""Ticks per period of the fastest where nothing is limited."""
+"""Largest speed in ticks per period if there is no limit."""
 _SHORTEST, _TURNS, _LONGEST = 3000, 60.0, 20_000
-"""Periods that a run takes, or some ten swings of the softest spring; and at least, where it is not clear then."""
+"""Length of a run: smallest in periods, in radians of the softest spring, and largest in periods."""
 _ENDLESS, _STOPS = 200_000, 2.5
-"""Periods after which it must be clear; times the time in which Coulomb friction alone stops a motion."""
+"""Longest horizon in periods; and a factor on the time in which Coulomb friction alone stops a motion."""
 _SOFTEST, _HALVINGS = 1e-3, 10
-"""How far below the smallest K of the plane the exact boundary is looked for, and how finely."""
+"""Search for the exact boundary below the smallest K of the plane: lower end as a factor, and bisection steps."""
 _SOFT: Final = 1e-9
-"""K in m/T² from which a proof is looked for."""
+"""K in m/T² from which a proof is tried."""
 _MARGIN: Final = 1.15
-"""What the axes show beyond the boundary of the linear loop."""
+"""End of the axes, relative to the boundary of the linear loop."""
 _CHUNK = 100
-"""Loops that a thread takes at a time."""
+"""Loops per task of a thread."""
 
 
 @dataclass(frozen=True)
 class Held:
-    """The device in a hand: its impedance at the device and both as a loop, SI; (n,) largest K of the linear loop."""
+    """The device in a hand: impedance of the hand, both as a loop (SI), and the (n,) largest K of the linear loop."""
 
     name: str
     hand: Hand
@@ -79,11 +79,11 @@ class ZWidth:
 
     Attributes:
         config: of the device. fastest: the largest speed anywhere in the plane, rad/s or m/s.
-        damping: (n,) B in N m s/rad or N s/m, from 0. stiffness: (m,) K in N m/rad or N/m, evenly from one step above 0.
+        damping: (n,) B in N m s/rad or N s/m, from 0. stiffness: (m,) K in N m/rad or N/m, evenly spaced from one step on.
         held: the device in each hand. outcome: (n, m) index into `VERDICTS`: of the worst hand and speed, or the first that
-            is not calm. exact: (n,) largest K below which all is calm.
+            is not calm. exact: (n,) largest K below which every point is calm.
         proven: (n,) largest K up to which a theorem proves every hand and speed.
-        passive: (n,) largest K that is passive without a hand (Colgate and Schenkel; with delay λ), 0 where none.
+        passive: (n,) largest K that is passive without a hand (Colgate and Schenkel; with delay λ), 0 if none.
     """
 
     config: Config
@@ -145,15 +145,15 @@ def zwidth(
     jobs: int | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> ZWidth:
-    """Work out the Z-width of a device with the velocity estimate of its config.
+    """Compute the Z-width of a device with the velocity estimate of its config.
 
     Args:
-        config: of the device; its ``spring.stiffness`` and ``spring.damping`` do not matter.
+        config: of the device; its ``spring.stiffness`` and ``spring.damping`` are not used.
         latency_s: the driver's declared latency.
-        velocity: above which no motion goes, beside the limits of the config; rad/s or m/s.
+        velocity: largest speed, in addition to the limits of the config; rad/s or m/s.
         radius: of the handle of a rotary device, m.
-        count: points along each axis, 2 at least.
-        damping_max, stiffness_max: ends of the axes; None for a little beyond the boundary of the linear loop.
+        count: points along each axis, at least 2.
+        damping_max, stiffness_max: ends of the axes; None for 1.15 of the boundary of the linear loop.
         jobs: threads; None for one per core that this process may use. progress: takes the fraction done.
 
     Raises:
@@ -164,7 +164,7 @@ def zwidth(
         if not value > 0.0:
             raise ValueError(f"{name} must be above 0, got {value:g}")
     if count < 2:
-        raise ValueError(f"a Z-width takes two points along each axis at least, got {count}")
+        raise ValueError(f"a Z-width needs at least two points along each axis, got {count}")
     bare = apply_settings(config, {"hand.inertia": 0.0, "hand.damping": 0.0, "hand.stiffness": 0.0})
     device, estimate = loop_from_config(bare, latency_s), velocity_filter(config.spring, config.period)
     hands = [
@@ -183,7 +183,7 @@ def zwidth(
     judge = _Judge(config, loops, estimate, velocity, jobs)
     grid = np.repeat(B, count), np.tile(K, count)
     outcome = judge(*grid, lambda done: progress(0.8 * done)).reshape(count, count)
-    # between the last point that is calm and the first that is not, or, where none is, from far below
+    # between the last calm point and the first that is not; if no point is calm, from `_SOFTEST` of the smallest K on
     low, high = (_below(K, outcome <= BUZZES, shift) for shift in (0, 1))
     open_ = low < K_max
     low = np.where(low > 0.0, low, _SOFTEST * high)
@@ -199,13 +199,13 @@ def zwidth(
 
 
 def _below(stiffness: FloatArray, good: NDArray[np.bool_], shift: int = 0) -> FloatArray:
-    """(n,) the K below which the points (n, m) are good throughout; 0 where not even the smallest is; or one step more."""
+    """(n,) the K below which all points (n, m) are good, 0 if the smallest is not; with ``shift`` 1 one step more."""
     softer = np.where(good.all(axis=1), good.shape[1], np.argmin(good, axis=1))
     return np.asarray(np.append(0.0, stiffness)[np.minimum(softer + shift, good.shape[1])])
 
 
 def _hands(config: Config, radius: float) -> list[tuple[str, Hand]]:
-    """The hands that hold a device, at its shaft where it is a rotary one."""
+    """The hands that hold a device, as impedances at the shaft or carriage."""
     lever = 1.0 if config.is_linear else radius * radius
     full, own = HUMAN_OPERATOR, config.hand
     hands = []
@@ -221,7 +221,7 @@ def _hands(config: Config, radius: float) -> list[tuple[str, Hand]]:
 def top_speed(config: Config, loop: Loop, B: FloatArray, K: FloatArray, velocity: float = math.inf) -> FloatArray:
     """The largest speed at the origin that the limits of a config admit, in rad/s or m/s; B and K broadcast.
 
-    A motion at v goes x = v √(m/(K + k_H)) far and asks for a force of v √(K²m/(K + k_H) + B²), friction aside.
+    Without friction, a motion at v reaches x = v √(m/(K + k_H)) and needs a force of v √(K²m/(K + k_H) + B²).
     """
     reach = np.sqrt(loop.inertia / (K + loop.hand_stiffness))
     limits = [np.full(np.broadcast(B, K).shape, velocity)]
@@ -249,7 +249,7 @@ def motions(loop: Loop, estimate: VelocityFilter, B: FloatArray, K: FloatArray) 
 
 @dataclass(frozen=True)
 class _Judge:
-    """Runs points of the plane in every hand and at every speed, each as long as it is calm."""
+    """Runs points of the plane in every hand and at every speed, each until one is not calm."""
 
     config: Config
     loops: list[Loop]
@@ -262,7 +262,7 @@ class _Judge:
     ) -> NDArray[np.int8]:
         """Index into `VERDICTS` of each point; B and K (p,)."""
         worst = np.zeros(B.size, np.int8)
-        # the bare device and the fastest motions first: they leave the fewest points
+        # the device without a hand and the fastest motions first: they exclude most points
         turns = [(loop, s) for loop in self.loops for s in reversed(range(SPEEDS))]
         for turn, (loop, s) in enumerate(turns):
             calm = worst <= BUZZES
@@ -275,7 +275,7 @@ class _Judge:
         T = loop.period
         fastest = loop.scales.velocity_to_xi_dot(top_speed(self.config, loop, B, K, self.velocity))
         slowest = np.minimum(_SLOWEST * T * np.sqrt((K + loop.hand_stiffness) / loop.inertia), fastest)
-        # the golden ratio's multiples, so that no two speeds begin at the same place of a tick
+        # multiples of the golden ratio, so that each speed begins at another position within a tick
         place = np.full(B.size, (which * 0.618034) % 1.0)
         starts = motions(loop, self.estimate, B, K)
         starts["xi"], starts["xi_dot"] = place, slowest * (fastest / slowest) ** (which / (SPEEDS - 1))
@@ -300,7 +300,7 @@ def run_in_threads(loops: NDArray[Any], periods: int, jobs: int | None) -> NDArr
 
 
 def _proven(config: Config, loops: list[Loop], damping: FloatArray, velocity: float) -> FloatArray:
-    """(n,) the K up to which a theorem proves every hand and speed, to a per cent: with more K or more B never more."""
+    """(n,) the K up to which a theorem proves every hand and speed, within 1 %; it falls as B grows."""
     found = np.zeros_like(damping)
 
     def holds(B: float, K: float) -> bool:

@@ -18,14 +18,14 @@ _SETTING = re.compile(r"(0[xX][0-9a-fA-F]{4})(?::(\d+))?=(-?(?:0[xX][0-9a-fA-F]+
 def _node_id(text: str) -> int:
     value = int(text, 0)
     if not 1 <= value <= 127:
-        raise argparse.ArgumentTypeError(f"{text} is no node id: 1 to 127")
+        raise argparse.ArgumentTypeError(f"{text} is not a node id: 1 to 127")
     return value
 
 
 def _index(text: str) -> int:
     value = int(text, 16)
     if not 0x1000 <= value <= 0xFFFF:
-        raise argparse.ArgumentTypeError(f"{text} is no object: 0x1000 to 0xFFFF")
+        raise argparse.ArgumentTypeError(f"{text} is not an object: 0x1000 to 0xFFFF")
     return value
 
 
@@ -44,7 +44,7 @@ def _argument(text: str) -> tuple[str, Any]:
 
 
 def add_parser(devices: Any) -> None:
-    """Describe the subcommand."""
+    """Add the subcommand ``canopen`` to an ``argparse`` subparsers action."""
     parser = devices.add_parser(
         "canopen",
         help="CANopen servo drive (CiA 301, CiA 402, torque modes)",
@@ -56,7 +56,7 @@ def add_parser(devices: Any) -> None:
         "--socket",
         metavar="PATH",
         type=Path,
-        help="listen here (AF_UNIX SOCK_SEQPACKET, one struct can_frame a message) and be the bus for up to 4 clients",
+        help="listen here (AF_UNIX SOCK_SEQPACKET, one struct can_frame per message) as the bus for up to 4 clients",
     )
     bus.add_argument(
         "--interface", metavar="NAME", help="python-can interface: socketcan (served compiled), udp_multicast, slcan, …"
@@ -68,7 +68,7 @@ def add_parser(devices: Any) -> None:
         type=_argument,
         action="append",
         default=[],
-        help="further argument of python-can's --interface, such as port=43114; may be given again",
+        help="further argument of python-can's --interface, such as port=43114; may be repeated",
     )
     parser.add_argument("--node-id", metavar="N", type=_node_id, default=1, help="CANopen node id (default: 1)")
     parser.add_argument(
@@ -80,7 +80,7 @@ def add_parser(devices: Any) -> None:
         type=_setting,
         action="append",
         default=[],
-        help="another power-up value of an object, such as 0x6076=0; may be given again",
+        help="another power-up value of an object, such as 0x6076=0; may be repeated",
     )
     parser.add_argument(
         "--missing",
@@ -88,14 +88,14 @@ def add_parser(devices: Any) -> None:
         type=_index,
         action="append",
         default=[],
-        help="an object it lacks; may be given again",
+        help="a missing object; may be repeated",
     )
     add_common_options(parser)
     parser.set_defaults(run=_run)
 
 
 def _run(options: argparse.Namespace) -> None:
-    # Numba and its compiled code are loaded only when a drive really runs.
+    # Imported here, so that --help does not load Numba.
     from sim_hw.canopen.device import WRONG_DEVICE_TYPE, WRONG_VENDOR, Drive
     from sim_hw.canopen.transport import open_transport
     from sim_hw.script import load_script
@@ -106,7 +106,7 @@ def _run(options: argparse.Namespace) -> None:
     if script.wrong_version is not None:
         override |= {(0x1000, 0): WRONG_DEVICE_TYPE, (0x1018, 1): WRONG_VENDOR}
     if options.bus and options.interface in (None, "socketcan"):
-        message = "is for the interfaces that python-can serves; a Unix socket and socketcan take no further arguments"
+        message = "is for interfaces of python-can only; a Unix socket and socketcan take no further arguments"
         raise ConfigError([Problem("command line", "--bus", None, message)])
     transport = open_transport(options.socket, options.interface, options.channel, dict(options.bus))
     try:

@@ -1,4 +1,4 @@
-"""The simulated drive as an object: memory, object dictionary, SDO server, and what a write to an object sets off."""
+"""The simulated drive as an object: memory, object dictionary, SDO server, and the actions of a write to an object."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ _PRODUCES_SYNC = 1 << 30
 _LONGEST_CURRENT = 0x7FFF
 """Largest value of a Copley current object, 0.01 A."""
 WRONG_DEVICE_TYPE = 0x00020191
-"""What a drive of the wrong kind says of itself: a CiA 401 I/O module."""
+"""Device type of a wrong device: a CiA 401 I/O module."""
 WRONG_VENDOR = 0x0000FFFF
 
 
 def power_up_values(config: Config, cyclic_torque: bool) -> dict[tuple[int, int], int]:
     """Objects whose power-up values depend on the plant: ratings, limits, encoder; and the supported modes.
 
-    The rated torque is a whole number of mN m, and the rated current is the one that gives it. The slopes are those of a
-    drive out of its box, 1000 ‰/s and the same in mA/s: they ruin a haptic loop until a master sets them.
+    The rated torque is a whole number of mN m, and the rated current gives exactly that torque. The slopes are those of a
+    new drive, 1000 ‰/s and the same in mA/s: a haptic loop does not work with them until a master changes them.
     """
     amplifier = config.amplifier
     continuous = amplifier.continuous_current or amplifier.peak_current or 1.0
@@ -62,10 +62,10 @@ class Drive:
 
     Args:
         config: the plant file. script: hand, start, faults. node_id: 1…127.
-        cyclic_torque: whether the drive has mode 10; Copley's programmed current it always has.
-        override: power-up values of objects that differ from what the plant says, by (index, sub-index).
+        cyclic_torque: whether the drive has mode 10; it always has Copley's programmed current.
+        override: other power-up values of objects, by (index, sub-index).
         missing: indexes of objects that this drive does not have.
-        What it has no room for is left out; ``objects.check`` says so.
+        Invalid values are left out; ``objects.check`` reports them.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class Drive:
         log_row(self.machine.sim, now, END, 0, 0)
 
     def attend(self) -> None:
-        """Do what compiled code leaves to Python: SDO requests, and power-up values after a reset."""
+        """Do the work of Python: SDO requests, and power-up values after a reset."""
         d = self.machine.d
         if d[w.RESET]:
             self.objects.load_defaults(_MANUFACTURER_AREA if d[w.RESET] == w.RESET_COMMUNICATION else 0x10000)
@@ -110,7 +110,7 @@ class Drive:
         d[w.SDO_COUNT] = 0
 
     def read(self, index: int, subindex: int) -> bytes:
-        """Value of an object for the SDO server; measured ones are of this instant.
+        """Value of an object for the SDO server; measured values are of this instant.
 
         Raises:
             AbortError: the access is refused.
@@ -145,7 +145,7 @@ class Drive:
         pdo.transmit_events(self.machine, now)
 
     def _check(self, index: int, subindex: int, value: int) -> None:
-        """Rules for single objects that their range in the EDS does not express."""
+        """Rules for single objects in addition to their range in the EDS."""
         refused = (
             (index == 0x1003 and value != 0)
             or (index == 0x1005 and not 0 < value & ~_PRODUCES_SYNC <= 0x7FF)

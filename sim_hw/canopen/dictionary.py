@@ -1,4 +1,4 @@
-"""The object dictionary of the simulated drive: the EDS beside this file, its values in the words compiled code uses."""
+"""The object dictionary of the simulated drive: the EDS in this folder, with its values in the words of compiled code."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ VALUE_TOO_HIGH = 0x06090031
 VALUE_TOO_LOW = 0x06090032
 
 
-_ABSENT = f"the drive has no such object; it has those of {EDS.name}"
+_ABSENT = f"the drive has no such object; its objects are those of {EDS.name}"
 
 
 def _name(index: int, subindex: int) -> str:
@@ -53,7 +53,7 @@ class ObjectDictionary:
     """Objects and their present values.
 
     Args:
-        words: the drive's block (:mod:`sim_hw.canopen.layout`); numeric objects live in its first words.
+        words: the drive's block (:mod:`sim_hw.canopen.layout`); its first words are the numeric objects.
         node_id: for the COB-IDs that depend on it.
         values: power-up values that differ from the EDS, by (index, sub-index).
         missing: indexes that this drive does not have.
@@ -90,10 +90,10 @@ class ObjectDictionary:
                 self._words[self._slots[key]] = self._power_up.get(key, variable.default or 0)
 
     def check(self, source: str, values: Mapping[tuple[int, int], int], missing: Iterable[int]) -> None:
-        """Refuse what cannot be meant: power-up values that no object has room for, and objects missing that never were.
+        """Refuse invalid arguments: power-up values out of range, and missing objects that do not exist.
 
         Args:
-            source: who asks, for the message. values: power-up values by (index, sub-index). missing: indexes.
+            source: of the arguments, for the message. values: power-up values by (index, sub-index). missing: indexes.
 
         Raises:
             ConfigError: with everything that is wrong.
@@ -112,9 +112,9 @@ class ObjectDictionary:
             raise ConfigError(found)
 
     def _refusal(self, index: int, subindex: int, value: int) -> str | None:
-        """Why an object cannot have a power-up value, in words; None where it can."""
+        """Why an object cannot have a power-up value, in words; None if it can."""
         if index in self._missing:
-            return "is to be missing, and to have a value"
+            return "is given a value, and as missing"
         try:
             variable = self.variable(index, subindex)
         except AbortError as abort:
@@ -154,7 +154,7 @@ class ObjectDictionary:
         self._words[self._slots[key]] = value
 
     def read(self, index: int, subindex: int) -> bytes:
-        """Value as it goes over the bus.
+        """Value as bytes on the bus.
 
         Raises:
             AbortError: the access is refused.
@@ -169,7 +169,7 @@ class ObjectDictionary:
         return value.to_bytes(size, "little")
 
     def decode(self, index: int, subindex: int, data: bytes) -> int:
-        """Number that a download carries.
+        """Number in a download.
 
         Raises:
             AbortError: read-only, of the wrong length, or out of the object's range.

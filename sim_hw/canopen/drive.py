@@ -1,4 +1,4 @@
-"""The drive as CiA 402 sees it: entering a state, faults and emergencies, controlwords."""
+"""The drive in CiA 402: entering a state, faults and emergencies, controlwords."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from sim_hw.log import DISABLE, EMCY, STATE
 from sim_hw.motion import log_row, note_enabled
 
 QUICK_STOP_NS = 10_000_000
-"""How long a quick stop takes with option codes 1…4: a torque drive has no ramp of speed to follow, only zero current."""
+"""Duration of a quick stop with option codes 1…4: a torque drive has no speed ramp, only zero current."""
 REACTION_NS = 1_000_000
-"""How long the fault reaction takes."""
+"""Duration of the fault reaction."""
 _VOLTAGE_ENABLED, _REMOTE, _LIMIT_ACTIVE, _FOLLOWS = 1 << 4, 1 << 9, 1 << 11, 1 << 12
 # Copley event status, 0x1002.
 _CURRENT_LIMITED, _DISABLED_BY_SOFTWARE, _OUTPUTS_DISABLED, _FAULT_LATCHED = 1 << 7, 1 << 12, 1 << 15, 1 << 22
@@ -38,7 +38,7 @@ _LATCHED_BIT = (1, 1, 1 << 2, 1 << 5, 1 << 3, 1, 1, 1 << 7, 1 << 12) + 7 * (1,)
 
 @njit((MACHINE,), counted=False)
 def refresh_status(m: Machine) -> None:
-    """Statusword and Copley event status from the state."""
+    """Set statusword and Copley event status from the state."""
     status = state_bits(m.d[w.STATE]) | _VOLTAGE_ENABLED | _REMOTE
     events = m.d[w.EVENT_STATUS] & _CURRENT_LIMITED
     if events:
@@ -56,7 +56,7 @@ def refresh_status(m: Machine) -> None:
 
 @njit((MACHINE, I64, I64), counted=False)
 def enter(m: Machine, state: int, now: int) -> None:
-    """Go to a state: power stage, timers, log. Entering the present state does nothing."""
+    """Change to a state: power stage, timers, log. The present state changes nothing."""
     old = m.d[w.STATE]
     if state == old:
         return
@@ -90,7 +90,7 @@ def latched_bits(code: int) -> int:
 
 @njit((MACHINE, I64, I64), counted=False)
 def emergency(m: Machine, code: int, now: int) -> None:
-    """EMCY frame: error code, error register, then as the maker's part the latched faults. 0 says that all is well."""
+    """Send EMCY: error code, error register, and as the vendor's part the latched faults. Code 0: no error."""
     if code:
         for field in range(w.ERROR_FIELDS - 1, 0, -1):
             m.d[w.ERROR_COUNT + field + 1] = m.d[w.ERROR_COUNT + field]
@@ -115,7 +115,7 @@ def fail(m: Machine, code: int, now: int) -> None:
 
 @njit((MACHINE, I64, I64), counted=False)
 def abort_connection(m: Machine, code: int, now: int) -> None:
-    """The master is gone: what 0x6007 says for a drive in Operation Enabled, and EMCY in any case."""
+    """The master is lost: the reaction of 0x6007 in Operation Enabled, and always EMCY."""
     option = m.d[w.ABORT_OPTION]
     if m.d[w.STATE] == OPERATION_ENABLED and option == 1:
         fail(m, code, now)
@@ -130,7 +130,7 @@ def abort_connection(m: Machine, code: int, now: int) -> None:
 
 @njit((MACHINE, BOOL, I64), counted=False)
 def take_up(m: Machine, controlled: bool, now: int) -> None:
-    """Act on the objects that a master may just have written: mode, targets, limits, and the controlword if it was."""
+    """Apply objects that a master may have written: mode, targets, limits, and the controlword if `controlled`."""
     mode = m.d[w.MODE]
     if mode == 0 or (mode > 0 and m.d[w.SUPPORTED_MODES] >> (mode - 1) & 1):
         m.d[w.MODE_DISPLAY] = mode

@@ -1,7 +1,7 @@
-"""Memory of one simulated drive: which word holds what, shared by the compiled loop and by Python.
+"""Memory layout of one simulated drive, shared by the compiled loop and by Python.
 
-The drive is one thread: the compiled loop returns before Python touches anything, so no word needs a lock. The first words
-are the object dictionary itself. An SDO transfer and a PDO read and write the same word, so the two cannot disagree.
+The drive is one thread: the compiled loop returns before Python accesses the memory, so no word needs a lock. The first
+words are the object dictionary itself: SDO transfers and PDOs read and write the same word.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from sim_hw.layout import BYTES, FAR_NS, FLOATS, I64, INTS, SIM, START_NS, Sim
 F64, BOOL = numba.float64, numba.boolean
 
 NEVER = FAR_NS
-"""An instant (ns) that does not come."""
+"""An instant (ns) that is never reached."""
 
-# Objects that compiled code looks at, and their slots in the block.
+# Objects that compiled code uses, and their slots in the block.
 _COMMUNICATION = (0x1001, 0x1002, 0x1005, 0x100C, 0x100D, 0x1014, 0x1017, 0x1029)
 ERROR_REGISTER, EVENT_STATUS, SYNC_COB_ID, GUARD_TIME, LIFE_TIME_FACTOR = range(5)
 EMCY_COB_ID, HEARTBEAT_TIME, ERROR_BEHAVIOUR = range(5, 8)
@@ -53,14 +53,14 @@ STATE, PREVIOUS_CONTROL, NMT, NODE_ID, POWERED, RESET, GUARD_TOGGLE, BUS_OFF_UNT
 UNPLUGGED_UNTIL_NS, SAMPLES, COMMANDS, SDO_COUNT, OUT_COUNT, LOST_FRAMES, FOLDED, HEAT_NS = range(_OWN + 8, _OWN + 16)
 # f64 words.
 TARGET, DEMAND, HEAT = range(_OWN + 16, _OWN + 19)
-"""A: what the master wants, behind limits; the same behind the slope. Then I²t, A² s above the continuous current."""
+"""A: the master's target after limits; the same after the slope. Then I²t, A² s above the continuous current."""
 
 MEASURED_UNTIL_NS, MEASURED_PPM, MEASURED_UA, SECOND_LEFT, SECOND_COUNTS, SYNC_SENT = range(_OWN + 19, _OWN + 25)
-"""A script's lies: until when the measured current is the true one times MEASURED_PPM plus MEASURED_UA; TPDO 1 still to be
-sent by a second node, which is SECOND_COUNTS further on. SYNC_SENT: our own SYNC waits to be obeyed."""
+"""Injected faults: end of a wrong measured current, the true one times MEASURED_PPM plus MEASURED_UA; remaining TPDO 1 of a
+second node, whose position is larger by SECOND_COUNTS. SYNC_SENT: the drive's own SYNC waits to be processed."""
 
 TIMER = _OWN + 25
-"""Instants (ns) at which the drive does something by itself; NEVER when it does not."""
+"""Instants (ns) of the drive's own actions; NEVER for none."""
 RAMP_TIMER, HEAT_TIMER, GUARD_TIMER, HEARTBEAT_TIMER = range(4)
 QUICK_STOP_TIMER, REACTION_TIMER, WAKE_TIMER, TPDO_TIMER = range(4, 8)
 RPDO_TIMER = TPDO_TIMER + 4
@@ -69,35 +69,35 @@ SYNC_TIMER = RPDO_TIMER + 4
 """The next SYNC that the drive produces."""
 TIMERS = SYNC_TIMER + 1
 LAZY_TIMERS = 2
-"""The first timers are no reason to wake: nobody outside sees them before the next frame."""
+"""The first timers need no wake-up: their effect is visible only in the next frame."""
 
 PDO = TIMER + TIMERS
 """Eight PDOs, RPDO 1…4 then TPDO 1…4."""
 PDO_COB_ID, PDO_TYPE, PDO_COUNT, PDO_BYTES, PDO_SYNCS = range(5)
 PDO_PENDING, PDO_DATA, PDO_EVENT_MS, PDO_INHIBIT_NS, PDO_SENT_NS = range(5, 10)
-"""COB-ID (−1: not valid), transmission type, entries, bytes; SYNCs counted; waiting for SYNC, and with which data."""
+"""COB-ID (−1: not valid), transmission type, entries, bytes; counted SYNCs; whether it waits for SYNC, and its data."""
 PDO_MAP = 10
 """Up to eight entries of (slot, first bit, bits, signed)."""
 PDO_WORDS = PDO_MAP + 8 * 4
 BLOCK_WORDS = PDO + 8 * PDO_WORDS
 
 QUEUE = 256
-"""Frames that may wait on their way out, and SDO requests for Python."""
+"""Capacity of the queues of outgoing frames and of SDO requests for Python."""
 
-# Resets that Python has to do, because the object dictionary is its own.
+# Resets done by Python, which has the object dictionary.
 NO_RESET, RESET_NODE, RESET_COMMUNICATION = range(3)
 
-# NMT states as they stand in a guarding reply (CiA 301, 7.2.8.3).
+# NMT states as in a guarding reply (CiA 301, 7.2.8.3).
 NMT_BOOTING, NMT_STOPPED, NMT_OPERATIONAL, NMT_PRE_OPERATIONAL = 0, 4, 5, 127
 
 
 class Machine(NamedTuple):
-    """Everything compiled code needs of one drive.
+    """Memory of one drive for compiled code.
 
     Attributes:
         sim: plant, script and log, see :mod:`sim_hw.layout`.
         d: (BLOCK_WORDS,) int64, objects and state. a: the same memory as float64.
-        out: (QUEUE, 2) frames on their way out. sdo: (QUEUE, 2) SDO requests for Python; two words are one frame.
+        out: (QUEUE, 2) outgoing frames. sdo: (QUEUE, 2) SDO requests for Python; two words are one frame.
         frame: (2,) scratch for one frame. octets: (16,) uint8, the same memory.
     """
 
@@ -116,7 +116,7 @@ MACHINE = numba.types.NamedTuple((SIM, INTS, FLOATS, _FRAMES, _FRAMES, INTS, BYT
 
 
 def new_machine(sim: Sim, node_id: int) -> Machine:
-    """Memory of a drive without power: every timer off, no frame anywhere."""
+    """Memory of a drive without power: every timer off, no frames."""
     d = np.zeros(BLOCK_WORDS, np.int64)
     d[NODE_ID] = node_id
     d[TIMER : TIMER + TIMERS] = NEVER

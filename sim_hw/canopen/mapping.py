@@ -1,4 +1,4 @@
-"""PDO configuration (CiA 301, 7.5.2.33…38): what a master may write when, and the tables compiled code uses."""
+"""PDO configuration (CiA 301, 7.5.2.33…38): allowed writes of a master, and the tables for compiled code."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NOT_VALID = 1 << 31
 _EXTENDED = 1 << 29
 _BITS_IN_A_PDO = 64
 _RESERVED_TYPES = range(241, 254)
-"""Transmission types that are reserved (241…251) or on remote request only (252, 253), which this drive does not do."""
+"""Transmission types that are reserved (241…251) or on remote request only (252, 253), which this drive does not have."""
 _ID, _TYPE, _INHIBIT, _EVENT = 1, 2, 3, 5
 _UNIT_OF_INHIBIT_NS = 100_000
 
@@ -31,10 +31,10 @@ def is_pdo_object(index: int) -> bool:
 
 
 def check_pdo_write(objects: ObjectDictionary, index: int, subindex: int, value: int) -> None:
-    """Refuse what the standard forbids: remapping a valid PDO, entries while the count is not 0, what does not fit.
+    """Refuse what the standard forbids: remapping a valid PDO, entries while the count is not 0, too many bits.
 
     Raises:
-        AbortError: with the abort code of the rule that is broken.
+        AbortError: with the abort code of the violated rule.
     """
     area, number = index & 0xFFFC, index & 3
     transmits = area >= TPDO_COMMUNICATION
@@ -77,10 +77,10 @@ def _check_count(objects: ObjectDictionary, index: int, count: int, transmits: b
 
 
 def _mapped(objects: ObjectDictionary, value: int, transmits: bool) -> ODVariable:
-    """The object that a mapping entry names.
+    """The object of a mapping entry.
 
     Raises:
-        AbortError: it does not exist, cannot be mapped this way round, or has another length.
+        AbortError: it does not exist, cannot be mapped in this direction, or has another length.
     """
     variable = objects.variable(value >> 16, value >> 8 & 0xFF)
     if not variable.pdo_mappable or not (variable.readable if transmits else variable.writable):

@@ -14,7 +14,7 @@ from sim_hw.log import REBOOT
 from sim_hw.motion import log_row
 
 BOOT_NS = 50_000_000
-"""From power to the boot-up message."""
+"""Time from power-up to the boot-up message."""
 LIFE_GUARDING = 0x8130
 """EMCY: life guard error or heartbeat error."""
 _START, _STOP, _PRE_OPERATIONAL, _RESET_NODE, _RESET_COMMUNICATION = 1, 2, 128, 129, 130
@@ -32,7 +32,7 @@ def _set_nmt(m: Machine, state: int) -> None:
 
 @njit((MACHINE, I64), counted=False)
 def restart_heartbeat(m: Machine, now: int) -> None:
-    """Heartbeats from now on as 0x1017 says; there is no node guarding beside them."""
+    """Start the heartbeat of 0x1017; it replaces node guarding."""
     period = m.d[w.HEARTBEAT_TIME]
     m.d[w.TIMER + w.HEARTBEAT_TIMER] = now + period * _NS_PER_MS if period else w.NEVER
     if period:
@@ -41,14 +41,14 @@ def restart_heartbeat(m: Machine, now: int) -> None:
 
 @njit((MACHINE, I64), counted=False)
 def restart_sync(m: Machine, now: int) -> None:
-    """SYNC from now on as 0x1005 (bit 30: produce it) and 0x1006 say (CiA 301, 7.5.2.5)."""
+    """Start SYNC by 0x1005 (bit 30: produce it) and 0x1006 (CiA 301, 7.5.2.5)."""
     period = m.d[w.SYNC_PERIOD] if m.d[w.SYNC_COB_ID] >> 30 & 1 else 0
     m.d[w.TIMER + w.SYNC_TIMER] = now + period * _NS_PER_US if period else w.NEVER
 
 
 @njit((MACHINE, I64), counted=False)
 def produce_sync(m: Machine, now: int) -> None:
-    """Send one SYNC, which is one for ourselves as well (:func:`sim_hw.canopen.receiving.let_go`)."""
+    """Send one SYNC, which the drive itself also processes (:func:`sim_hw.canopen.receiving.let_go`)."""
     sending.send(m, sending.OTHER, m.d[w.SYNC_COB_ID] & 0x7FF, 0, 0, now)
     m.d[w.SYNC_SENT] = 1
     restart_sync(m, now)
@@ -63,7 +63,7 @@ def heartbeat(m: Machine, now: int) -> None:
 
 @njit((MACHINE, I64), counted=False)
 def answer_guard(m: Machine, now: int) -> None:
-    """Node guarding request: state and toggle bit; and life guarding begins again (0x100C × 0x100D)."""
+    """Reply to a node guarding request: state and toggle bit; restart life guarding (0x100C × 0x100D)."""
     if m.d[w.HEARTBEAT_TIME]:
         return
     sending.send(m, sending.OTHER, _GUARD_ID + m.d[w.NODE_ID], 1, m.d[w.NMT] | m.d[w.GUARD_TOGGLE], now)
@@ -74,7 +74,7 @@ def answer_guard(m: Machine, now: int) -> None:
 
 @njit((MACHINE, I64), counted=False)
 def life_guarding_event(m: Machine, now: int) -> None:
-    """No guarding request within the life time: the current goes to zero, and the node does what 0x1029 says."""
+    """No guarding request within the life time: zero current, and the reaction of 0x1029."""
     m.d[w.TIMER + w.GUARD_TIMER] = w.NEVER
     abort_connection(m, LIFE_GUARDING, now)
     transmit_events(m, now)
@@ -86,7 +86,7 @@ def life_guarding_event(m: Machine, now: int) -> None:
 
 @njit((MACHINE, I64, I64, I64), counted=False)
 def power_down(m: Machine, reset: int, duration: int, now: int) -> None:
-    """A reset or a power cycle begins: no current, no frames, and the boot-up message ``duration`` ns later."""
+    """Begin a reset or a power cycle: no current, no frames, and the boot-up message ``duration`` ns later."""
     enter(m, NOT_READY_TO_SWITCH_ON, now)
     log_row(m.sim, now, REBOOT, reset, 0)
     m.d[w.POWERED] = 0
@@ -102,7 +102,7 @@ def power_down(m: Machine, reset: int, duration: int, now: int) -> None:
 
 @njit((MACHINE, I64), counted=False)
 def boot(m: Machine, now: int) -> None:
-    """Boot-up message, Pre-operational, Switch On Disabled (transition 1)."""
+    """Boot: boot-up message, Pre-operational, Switch On Disabled (transition 1)."""
     m.d[w.TIMER + w.WAKE_TIMER] = w.NEVER
     m.d[w.POWERED] = 1
     m.d[w.GUARD_TOGGLE] = 0

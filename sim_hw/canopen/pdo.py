@@ -1,6 +1,6 @@
-"""Process data, compiled: what SYNC samples, how TPDOs are packed and RPDOs taken apart (CiA 301, 7.2.2).
+"""Compiled process data: sampling by SYNC, packing of TPDOs and unpacking of RPDOs (CiA 301, 7.2.2).
 
-The tables in the block are made from 0x1400…, 0x1600…, 0x1800…, 0x1A00… by :mod:`sim_hw.canopen.mapping` whenever a master
+:mod:`sim_hw.canopen.mapping` makes the tables in the block from 0x1400…, 0x1600…, 0x1800…, 0x1A00… whenever a master
 writes one of them.
 """
 
@@ -21,9 +21,9 @@ from sim_hw.log import COMMAND, SAMPLE
 from sim_hw.motion import end_sample, log_row, take_counts
 
 LAST_SYNCHRONOUS = 240
-"""Transmission types up to here wait for SYNC; 254 and 255 act on the event itself."""
+"""Transmission types up to this one wait for SYNC; 254 and 255 act on the event itself."""
 ENABLE_INPUT = 1 << 16
-"""Digital inputs: the first input, to which the person's enable is wired."""
+"""Digital inputs: the first input, connected to the enable that a person holds."""
 _LENGTH_ERROR = 0x8210
 """EMCY: PDO not processed due to length error."""
 _NS_PER_MS = 1_000_000
@@ -36,7 +36,7 @@ def _int32(value: int) -> int:
 
 @njit((MACHINE, I64), counted=False)
 def refresh_inputs(m: Machine, now: int) -> None:
-    """Measured objects from the plant at an instant: position, velocity (counts/s), current, torque."""
+    """Set the measured objects from the plant at an instant: position, velocity (counts/s), current, torque."""
     counts = _int32(take_counts(m.sim, now))
     m.d[w.POSITION] = counts
     m.d[w.POSITION_INTERNAL] = counts
@@ -65,7 +65,7 @@ def _pack(m: Machine, base: int) -> int:
 
 @njit(BOOL(MACHINE, I64, I64), counted=False)
 def _unpack(m: Machine, base: int, data: int) -> bool:
-    """Write the mapped objects; whether the controlword is one of them."""
+    """Write the mapped objects; returns whether the controlword is one of them."""
     controlled = False
     for entry in range(m.d[base + w.PDO_COUNT]):
         at = base + w.PDO_MAP + 4 * entry
@@ -82,7 +82,7 @@ def _unpack(m: Machine, base: int, data: int) -> bool:
 
 @njit((MACHINE, I64, I64), counted=False)
 def _second_node(m: Machine, base: int, now: int) -> None:
-    """A drive with the same number answers the same SYNC, from where its own shaft is."""
+    """A second drive with the same number replies to the same SYNC, with its own position."""
     m.d[w.SECOND_LEFT] -= 1
     position, internal = m.d[w.POSITION], m.d[w.POSITION_INTERNAL]
     m.d[w.POSITION] = _int32(position + m.d[w.SECOND_COUNTS])
@@ -94,7 +94,7 @@ def _second_node(m: Machine, base: int, now: int) -> None:
 
 @njit((MACHINE, I64, I64), counted=False)
 def transmit(m: Machine, number: int, now: int) -> None:
-    """Send TPDO ``number`` (0…3) if it is valid and its inhibit time is over; otherwise when that ends."""
+    """Send TPDO ``number`` (0…3) if it is valid, at the earliest at the end of its inhibit time."""
     base = w.PDO + (4 + number) * w.PDO_WORDS
     if m.d[base + w.PDO_COB_ID] < 0 or m.d[w.NMT] != w.NMT_OPERATIONAL:
         return
@@ -116,7 +116,7 @@ def transmit(m: Machine, number: int, now: int) -> None:
 
 @njit((MACHINE, I64), counted=False)
 def transmit_events(m: Machine, now: int) -> None:
-    """Event-driven TPDOs (254, 255): their event is a new statusword."""
+    """Send event-driven TPDOs (254, 255): their event is a new statusword."""
     for number in range(4):
         base = w.PDO + (4 + number) * w.PDO_WORDS
         if m.d[base + w.PDO_TYPE] > LAST_SYNCHRONOUS and m.d[base + w.PDO_DATA] != m.d[w.STATUSWORD]:
@@ -134,7 +134,7 @@ def _apply(m: Machine, base: int, now: int) -> None:
 
 @njit((MACHINE, I64, I64, I64, I64), counted=False)
 def receive_rpdo(m: Machine, number: int, length: int, data: int, now: int) -> None:
-    """RPDO ``number`` (0…3): applied on receipt, or kept until SYNC; one that is too short is refused with an EMCY."""
+    """Receive RPDO ``number`` (0…3): apply it now or at SYNC; refuse one that is too short, with an EMCY."""
     base = w.PDO + number * w.PDO_WORDS
     if length < m.d[base + w.PDO_BYTES]:
         m.d[w.ERROR_REGISTER] |= 0x11
@@ -151,7 +151,7 @@ def receive_rpdo(m: Machine, number: int, length: int, data: int, now: int) -> N
 
 @njit((MACHINE, I64), counted=False)
 def synchronise(m: Machine, now: int) -> None:
-    """SYNC: sample, send the synchronous TPDOs that are due, apply the RPDOs that waited."""
+    """Process SYNC: sample, send the synchronous TPDOs that are due, apply the waiting RPDOs."""
     refresh_inputs(m, now)
     end_sample(m.sim)
     m.d[w.SAMPLES] += 1
@@ -175,7 +175,7 @@ def synchronise(m: Machine, now: int) -> None:
 
 @njit((MACHINE,), counted=False)
 def forget(m: Machine) -> None:
-    """No SYNC counted, no RPDO waiting or overdue any more: a node that leaves Operational loses them."""
+    """Reset counted SYNCs, waiting RPDOs and deadlines: a node that leaves Operational loses them."""
     for number in range(4):
         m.d[w.TIMER + w.RPDO_TIMER + number] = w.NEVER
     for number in range(8):

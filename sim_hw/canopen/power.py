@@ -1,8 +1,8 @@
-"""From a target in the object dictionary to the current in the motor: scale, limits, I²t, slope.
+"""From a target in the object dictionary to the motor current: scale, limits, I²t, slope.
 
 In cyclic synchronous torque mode 0x6071 is in ‰ of the rated torque 0x6076 (mN m); with Copley's programmed current
-(0x2300 = 1) 0x2340 is in 0.01 A. The slopes 0x6087 (‰/s) and 0x2113 (mA/s) move the demand on the drive's own cycle of
-62.5 µs; 0 is no slope. Whenever the power stage is off the current is zero at once.
+(0x2300 = 1) 0x2340 is in 0.01 A. The slopes 0x6087 (‰/s) and 0x2113 (mA/s) change the demand in the drive's cycle of
+62.5 µs; 0 is no slope. While the power stage is off the current is zero.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ def amperes_per_permille(m: Machine) -> float:
 
 @njit("int64(float64, int64)", counted=False)
 def rounded(value: float, bits: int) -> int:
-    """Nearest integer, held within ±(2^bits − 1)."""
+    """Nearest integer, clamped to ±(2^bits − 1)."""
     limit = float((1 << bits) - 1)
     return int(np.floor(min(max(value, -limit), limit) + 0.5))
 
 
 @njit(I64(MACHINE, F64), counted=False)
 def torque_permille(m: Machine, current: float) -> int:
-    """A current as ‰ of the rated torque; 0 for a drive that claims no rated torque."""
+    """A current as ‰ of the rated torque; 0 for a drive without a rated torque."""
     unit = amperes_per_permille(m)
     return rounded(current / unit, 15) if unit > 0.0 else 0
 
@@ -71,7 +71,7 @@ def _slope(m: Machine) -> float:
 
 @njit((MACHINE, I64), counted=False)
 def _heat_up(m: Machine, now: int) -> None:
-    """I²t: what 0x2110 may give above 0x2111 for 0x2112 ms; then the continuous limit until all of it is given back."""
+    """I²t: 0x2110 is allowed above 0x2111 for 0x2112 ms; then the continuous limit until the I²t is zero again."""
     continuous = float(m.d[w.CONTINUOUS_LIMIT]) * CURRENT_UNIT
     peak = float(m.d[w.PEAK_LIMIT]) * CURRENT_UNIT
     room = max(peak * peak - continuous * continuous, 0.0) * float(m.d[w.PEAK_TIME]) * 1e-3
@@ -86,7 +86,7 @@ def _heat_up(m: Machine, now: int) -> None:
 
 @njit((MACHINE, F64, I64), counted=False)
 def _demand(m: Machine, current: float, now: int) -> None:
-    """Give the current loop its set-point."""
+    """Set the current loop's set point."""
     if current != m.a[w.DEMAND]:
         _heat_up(m, now)
         m.a[w.DEMAND] = current
@@ -99,7 +99,7 @@ def _demand(m: Machine, current: float, now: int) -> None:
 
 @njit((MACHINE, I64), counted=False)
 def retarget(m: Machine, now: int) -> None:
-    """Take up the present target: at once where there is no slope, else from the drive's next cycle on."""
+    """Apply the present target: at once without a slope, else from the drive's next cycle on."""
     limit = float(m.d[w.CONTINUOUS_LIMIT] if m.d[w.FOLDED] == 1 else m.d[w.PEAK_LIMIT]) * CURRENT_UNIT
     wanted = _wanted(m)
     m.a[w.TARGET] = min(max(wanted, -limit), limit)
@@ -128,7 +128,7 @@ def ramp(m: Machine, now: int) -> None:
 
 @njit((MACHINE, I64), counted=False)
 def watch_heat(m: Machine, now: int) -> None:
-    """One cycle of the I²t supervision; it ends when the current is no longer above the continuous limit."""
+    """One cycle of the I²t supervision, until the current is no longer above the continuous limit."""
     _heat_up(m, now)
     hot = abs(m.a[w.DEMAND]) > float(m.d[w.CONTINUOUS_LIMIT]) * CURRENT_UNIT or m.d[w.FOLDED] == 1
     m.d[w.TIMER + w.HEAT_TIMER] = now + _HEAT_CYCLE_NS if hot else w.NEVER

@@ -1,4 +1,4 @@
-"""A frame from the bus: which of the drive's services it is for."""
+"""Frames from the bus, and the drive's service for each."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _rpdo(m: Machine, cob_id: int) -> int:
 
 @njit(I64(MACHINE, I64), counted=False)
 def _kind(m: Machine, low: int) -> int:
-    """What a script calls a frame."""
+    """The kind of a frame in a script."""
     cob_id = sending.identifier(low)
     kind = OTHER
     if low & (REMOTE | EXTENDED | ERROR):
@@ -75,10 +75,10 @@ def _accept(m: Machine, kind: int, low: int, data: int, now: int) -> None:
 
 @njit((MACHINE, I64, I64, I64), counted=False)
 def receive(m: Machine, low: int, data: int, now: int) -> None:
-    """One frame has come at an instant; replies wait in ``m.out`` afterwards.
+    """Process one frame received at an instant; its replies are then in ``m.out``.
 
-    A frame that was there when this process woke up later than a time-out came, for all it can know, in time: the drive
-    that is stood in for would have been awake.
+    A frame found when this process wakes up after a time-out counts as received in time, because a real drive
+    would have been awake.
     """
     now = min(now, m.d[w.TIMER + w.GUARD_TIMER] - 1)
     for number in range(4):
@@ -92,7 +92,7 @@ def receive(m: Machine, low: int, data: int, now: int) -> None:
 
 @njit((MACHINE, I64), counted=False)
 def let_go(m: Machine, now: int) -> None:
-    """Bring the drive to an instant, and let every frame that a fault has held until then go on."""
+    """Advance the drive to an instant, and forward every frame that a fault has held until then."""
     advance(m, now)
     if m.d[w.SYNC_SENT] == 1:
         m.d[w.SYNC_SENT] = 0

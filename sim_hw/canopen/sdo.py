@@ -1,6 +1,6 @@
 """SDO server (CiA 301, 7.2.4): expedited and segmented transfers, one at a time, and the abort codes.
 
-Block transfers are refused with "unknown command specifier", as a server without them does.
+Block transfers are refused with "unknown command specifier", as by a server without them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ OUT_OF_MEMORY = 0x05040005
 
 _HEADER = struct.Struct("<BHB")
 _LONGEST = 256
-"""Bytes that a segmented download may carry."""
+"""Most bytes of a segmented download."""
 _DOWNLOAD_SEGMENT, _DOWNLOAD, _UPLOAD, _UPLOAD_SEGMENT, _ABORT = range(5)
 _EXPEDITED, _SIZED, _LAST, _TOGGLE = 0x02, 0x01, 0x01, 0x10
 
@@ -25,7 +25,7 @@ class SdoServer:
     """Answers requests of eight bytes with replies of eight bytes.
 
     Args:
-        read, write: the objects, by index and sub-index; they raise :class:`AbortError` for what is refused.
+        read, write: access to the objects, by index and sub-index; they raise :class:`AbortError` for a refusal.
     """
 
     def __init__(self, read: Callable[[int, int], bytes], write: Callable[[int, int, bytes], None]) -> None:
@@ -36,11 +36,11 @@ class SdoServer:
         self._toggle = 0
 
     def reset(self) -> None:
-        """Forget a transfer that has begun."""
+        """Drop a transfer in progress."""
         self._pending = self._received = None
 
     def answer(self, request: bytes) -> bytes | None:
-        """Reply to one request; None where there is none (the client aborts)."""
+        """Reply to one request; None if there is none (the client aborts)."""
         if len(request) != 8:
             return self._abort(UNKNOWN_COMMAND)
         command = request[0]

@@ -1,7 +1,7 @@
-"""Frames in and out of the drive, and what a scripted fault does to them on the way.
+"""Frames to and from the drive, and the effect of scripted faults on them.
 
-A frame is two words, as ``struct can_frame`` lies in memory: identifier and flags (32 bits), length (8 bits), padding; then
-eight data bytes, the first the least significant.
+A frame is two words, with the memory layout of ``struct can_frame``: identifier and flags (32 bits), length (8 bits),
+padding; then eight data bytes, the first the least significant.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _FLAGS_AND_ID = 0xFFFFFFFF
 _ID = 0x1FFFFFFF
 
 OTHER = 0
-"""Frames that no script can name: NMT, EMCY, guarding."""
+"""Frames that a script cannot name: NMT, EMCY, guarding."""
 SDO_REQUEST, SDO_REPLY, SYNC, TPDO, RPDO = kinds.REQUEST, kinds.REPLY, kinds.SYNC, kinds.TPDO, kinds.RPDO
 
 
@@ -50,7 +50,7 @@ def length_of(low: int) -> int:
 
 @njit((MACHINE, I64, I64), counted=False)
 def put(m: Machine, low: int, data: int) -> None:
-    """Queue a frame for the bus; a full queue loses it, and counts that."""
+    """Queue a frame for the bus; if the queue is full, it is lost and counted."""
     if m.d[w.OUT_COUNT] == w.QUEUE:
         m.d[w.LOST_FRAMES] += 1
         return
@@ -61,9 +61,9 @@ def put(m: Machine, low: int, data: int) -> None:
 
 @njit((MACHINE, I64), counted=False)
 def _corrupt(m: Machine, length: int) -> None:
-    """One data bit turned and a byte less (one more where there was none): what a poor gateway lets through.
+    """Invert one data bit and remove a byte (add one if there was none), as a faulty gateway may do.
 
-    A CAN controller itself would notice, and repeat the frame.
+    A CAN controller would detect such an error and repeat the frame.
     """
     if length:
         m.frame[1] ^= 1 << (random_bits(m.sim) % (8 * length))
@@ -72,9 +72,9 @@ def _corrupt(m: Machine, length: int) -> None:
 
 @njit(BOOL(MACHINE, I64, I64, I64, I64), counted=False)
 def passes(m: Machine, kind: int, low: int, data: int, now: int) -> bool:
-    """Whether a frame goes on at once, as the faults that act at present have it; then it stands in ``m.frame``.
+    """Apply the present faults to a frame; whether it passes at once, and is then in ``m.frame``.
 
-    Dropped frames are gone; late ones and those that wait for the next of their kind are held; of a duplicate the second
+    Delayed frames and those that wait for the next of their kind are held; of a duplicate the second
     is held, due at once.
     """
     m.frame[0], m.frame[1] = low, data
@@ -96,13 +96,13 @@ def passes(m: Machine, kind: int, low: int, data: int, now: int) -> bool:
 
 @njit(BOOL(MACHINE, I64), counted=False)
 def connected(m: Machine, now: int) -> bool:
-    """Whether frames reach the drive at all."""
+    """Whether frames reach the drive."""
     return m.d[w.POWERED] == 1 and now >= m.d[w.BUS_OFF_UNTIL_NS] and now >= m.d[w.UNPLUGGED_UNTIL_NS]
 
 
 @njit((MACHINE, I64, I64, I64, I64, I64), counted=False)
 def send(m: Machine, kind: int, cob_id: int, length: int, data: int, now: int) -> None:
-    """Send a frame of the drive, unless it cannot: no power, no bus, or silenced by a fault."""
+    """Send a frame of the drive, unless it has no power or no bus, or a fault silences it."""
     if (
         connected(m, now)
         and now >= m.sim.s[common.SILENT_UNTIL_NS]

@@ -1,7 +1,7 @@
-"""The cyclic service on descriptors: wait, receive, answer, all of it compiled.
+"""The compiled cyclic service on descriptors: wait, receive, reply.
 
-The descriptors carry ``struct can_frame``: clients of a listening AF_UNIX SOCK_SEQPACKET socket, for which this process
-is the bus and passes every frame on to the other clients too; or one raw SocketCAN socket, where the kernel is.
+The descriptors are for ``struct can_frame``: clients of a listening AF_UNIX SOCK_SEQPACKET socket, for which this process
+is the bus and also forwards every frame to the other clients; or one raw SocketCAN socket, for which the kernel is the bus.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from sim_hw.clock import POLLERR, POLLHUP, POLLIN, monotonic_ns, pollfd, returne
 from sim_hw.layout import I64, INTS
 
 CLIENTS = 4
-"""Clients that a bus takes; one more is turned away."""
+"""Most clients of a bus; further ones are refused."""
 LISTENER = CLIENTS
 DESCRIPTOR_WORDS = 16
 """int64 words of the service's descriptors: CLIENTS clients and the listener (−1: none), then scratch."""
@@ -58,7 +58,7 @@ def _welcome(fds: NDArray[Any]) -> None:
 
 @njit((INTS, I64, I64), counted=False)
 def _to_all_but(fds: NDArray[Any], sender: int, word: int) -> None:
-    """Send the frame that begins at ``fds[word]``; a client that does not read loses it."""
+    """Send the frame at ``fds[word]`` to all clients but the sender; a client that does not read loses it."""
     for client in range(CLIENTS):
         if client != sender and fds[client] >= 0:
             _send(fds[client], fds[word:].ctypes.data, FRAME_BYTES, _MSG_DONTWAIT | _MSG_NOSIGNAL)
@@ -66,7 +66,7 @@ def _to_all_but(fds: NDArray[Any], sender: int, word: int) -> None:
 
 @njit((MACHINE, INTS), counted=False)
 def flush(m: Machine, fds: NDArray[Any]) -> None:
-    """Send every frame that waits to all clients."""
+    """Send every queued frame to all clients."""
     for row in range(m.d[w.OUT_COUNT]):
         fds[_FRAME], fds[_FRAME + 1] = m.out[row, 0], m.out[row, 1]
         _to_all_but(fds, -1, _FRAME)
@@ -75,7 +75,7 @@ def flush(m: Machine, fds: NDArray[Any]) -> None:
 
 @njit((MACHINE, INTS, I64, INTS), counted=False)
 def _read_client(m: Machine, fds: NDArray[Any], client: int, timespec: NDArray[Any]) -> None:
-    """Every frame that a client has sent; each is received at the instant at which it is read."""
+    """Receive every frame that a client has sent, at the instant of its reading."""
     while fds[client] >= 0:
         size = _recv(fds[client], fds[_FRAME:].ctypes.data, FRAME_BYTES, _MSG_DONTWAIT)
         if size == 0:
@@ -93,7 +93,7 @@ def _read_client(m: Machine, fds: NDArray[Any], client: int, timespec: NDArray[A
 
 @njit((MACHINE, INTS, INTS, I64), counted=False)
 def serve(m: Machine, fds: NDArray[Any], timespec: NDArray[Any], until: int) -> None:
-    """Serve until an instant, or until Python has something to do: SDO requests, a reset, an unplugged cable, the end.
+    """Serve until an instant, or until there is work for Python: SDO requests, a reset, an unplugged cable, the end.
 
     Args:
         m: the drive. fds: (DESCRIPTOR_WORDS,) descriptors. timespec: (2,) scratch. until: ns.

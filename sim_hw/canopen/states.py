@@ -1,7 +1,7 @@
-"""The CiA 402 state machine: which controlword leads from which state to which, and what the statusword then shows.
+"""The CiA 402 state machine: transitions by controlwords, and the statusword of each state.
 
-States and transitions are those of IEC 61800-7-201 (CiA 402-2), numbered as there. Transitions 0 and 1 (boot), 13
-and 14 (fault reaction) are the drive's own; every other one answers a controlword.
+States and transitions are those of IEC 61800-7-201 (CiA 402-2), with its numbers. Transitions 0 and 1 (boot), 13
+and 14 (fault reaction) are automatic; every other one follows a controlword.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _STATE_BITS = (0x00, 0x40, 0x21, 0x23, 0x27, 0x07, 0x0F, 0x08)
 
 FAULT_RESET = 0x80
 _QUICK_STOP_STAYS = 5
-"""Quick stop option codes from here on stay in Quick Stop Active (0x605A)."""
+"""Quick stop option codes from this one on stay in Quick Stop Active (0x605A)."""
 
 
 @njit("int64(int64, int64, int64, int64)", counted=False)
@@ -32,7 +32,7 @@ def next_state(state: int, control: int, previous: int, quick_stop_option: int) 
     Args:
         state: present state.
         control: controlword just received.
-        previous: the one before it; a fault is reset by the rising edge of bit 7 only.
+        previous: the one before; a fault is reset only by the rising edge of bit 7.
         quick_stop_option: 0x605A.
     """
     disable_voltage = control & 0x82 == 0x00

@@ -1,4 +1,4 @@
-"""What the drive does by itself, each thing at the instant at which it was due, however late the process comes to it."""
+"""The drive's own actions, each at its due instant, even if the process is late."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _RPDO_TIMEOUT = 0x8250
 
 @njit((MACHINE, I64), counted=False)
 def _foreign_write(m: Machine, row: int) -> None:
-    """An expedited SDO write that no client on this socket has sent; its answer is heard by all of them."""
+    """An expedited SDO write of no client on this socket; all clients receive its reply."""
     if m.d[w.SDO_COUNT] < w.QUEUE:
         fault = m.sim.faults[row]
         command = 0x23 | (4 - fault[common.FAULT_SIZE]) << 2
@@ -87,7 +87,7 @@ def _expire(m: Machine, timer: int, now: int) -> None:
 
 @njit((MACHINE, I64), counted=False)
 def advance(m: Machine, now: int) -> None:
-    """Bring the drive to an instant: its timers, the script's faults, the plant, in the order of their instants."""
+    """Advance the drive to an instant: its timers, the script's faults, the plant, in the order of their instants."""
     while m.d[w.RESET] == w.NO_RESET:
         timer = 0
         for other in range(1, w.TIMERS):
@@ -109,7 +109,7 @@ def advance(m: Machine, now: int) -> None:
 
 @njit(I64(MACHINE), counted=False)
 def next_wake(m: Machine) -> int:
-    """Instant of the next thing that somebody outside could notice, ns; FAR_NS when there is none."""
+    """Instant of the next externally visible event, ns; FAR_NS if there is none."""
     wake = next_event_ns(m.sim)
     for timer in range(w.LAZY_TIMERS, w.TIMERS):
         wake = min(wake, m.d[w.TIMER + timer])

@@ -1,4 +1,4 @@
-"""The bus under the drive: a Unix socket or SocketCAN served by compiled code, any other python-can interface by Python."""
+"""The drive's bus: a Unix socket or SocketCAN served by compiled code, any other python-can interface by Python."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from sim_hw.canopen.device import Drive
 
 _LOOK_AGAIN_NS = 50_000_000
-"""Python looks at the STOP word and at an unplugged cable at least this often."""
+"""Longest time until Python checks the STOP word and an unplugged cable."""
 
 
 class Compiled:
-    """A bus that compiled code serves, over descriptors of ``struct can_frame``."""
+    """A bus served by compiled code, with descriptors for ``struct can_frame``."""
 
     def __init__(self) -> None:
         self._fds = np.full(DESCRIPTOR_WORDS, -1, np.int64)
@@ -44,19 +44,19 @@ class Compiled:
         drive.end()
 
     def _plug(self, plugged: bool) -> None:
-        """What is unplugged is only not heard."""
+        """Nothing to do: frames of an unplugged bus are ignored."""
 
     def close(self) -> None:
-        """Hang up on everybody; safe to call twice."""
+        """Close all connections; safe to call twice."""
         for client in range(CLIENTS):
             hang_up(self._fds, client)
 
 
 class UnixBus(Compiled):
-    """Listens on an AF_UNIX SOCK_SEQPACKET path and is the bus for up to four clients.
+    """An AF_UNIX SOCK_SEQPACKET socket as the bus for up to four clients.
 
     Args:
-        path: where the socket is made; one that nobody listens on any more is replaced.
+        path: of the socket; an old one without a listener is replaced.
 
     Raises:
         OSError: the path cannot be bound, or another process listens on it.
@@ -82,14 +82,14 @@ class UnixBus(Compiled):
         self._fds[LISTENER] = listener.fileno()
 
     def _plug(self, plugged: bool) -> None:
-        """Unplugged, the socket is gone, and it comes back when the script plugs it in again."""
+        """Remove the socket when it is unplugged, and create it again when it is plugged in."""
         if plugged and self._listener is None:
             self._listen()
         elif not plugged and self._listener is not None:
             self.close()
 
     def close(self) -> None:
-        """Remove the socket, then hang up on every client: who has been hung up on finds no socket. Safe to call twice."""
+        """Remove the socket, then close all connections, so that a client finds no socket. Safe to call twice."""
         if self._listener is not None:
             self._path.unlink(missing_ok=True)
             self._listener.close()
@@ -128,10 +128,10 @@ class CanSocket(Compiled):
 
 
 class PythonCan:
-    """Any interface of python-can, served by a Python loop around the compiled drive.
+    """Any interface of python-can, served by a Python loop with the compiled drive.
 
     Args:
-        interface: name of the interface, such as ``udp_multicast``. channel: as that interface has it.
+        interface: name of the interface, such as ``udp_multicast``. channel: of that interface.
         arguments: further ones of that interface.
 
     Raises:
@@ -146,7 +146,7 @@ class PythonCan:
             raise OSError(f"cannot open {interface} {channel}{given}: {error}") from error
 
     def serve(self, drive: Drive) -> None:
-        """Wait for a frame or for the drive's next instant, answer, and again."""
+        """Wait for a frame or for the drive's next event, reply, and repeat."""
         machine = drive.machine
         while not machine.sim.s[common.STOP]:
             wait_ns = min(next_wake(machine) - time.monotonic_ns(), _LOOK_AGAIN_NS)
@@ -189,7 +189,7 @@ def _drain(drive: Drive) -> Iterator[can.Message]:
 def open_transport(
     path: Path | None, interface: str | None, channel: str | None, arguments: Mapping[str, Any]
 ) -> Compiled | PythonCan:
-    """The transport that the command line asks for; ``arguments`` are further ones of a python-can interface.
+    """The transport of the command line; ``arguments`` are further ones of a python-can interface.
 
     Raises:
         OSError: it cannot be opened.

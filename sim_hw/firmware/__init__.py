@@ -1,1 +1,1 @@
-"""The reference firmware (``firmware/serial_dac``) as a running binary, with the exact plant at its encoder and DAC."""
+"""The reference firmware (``firmware/serial_dac``) as a running binary, connected to the exact plant by encoder and DAC."""

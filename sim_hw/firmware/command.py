@@ -1,4 +1,4 @@
-"""``python -m sim_hw firmware``: the command line of the reference firmware's bench."""
+"""``python -m sim_hw firmware``: the command line of the reference firmware's test bench."""
 
 from __future__ import annotations
 
@@ -19,14 +19,12 @@ def add_parser(devices: Any) -> None:
         help="the reference firmware as a binary, on a pseudo-terminal",
         description="The serial DAC board's reference firmware (firmware/serial_dac, built by 'make firmware') as a "
         "binary in emulation, with the exact plant at its encoder and DAC, on a pseudo-terminal. The faults of the "
-        "script happen on its line and at its inputs.",
+        "script act on its line and its inputs.",
     )
     parser.add_argument(
         "--board", choices=sorted(BOARDS), default="mps2-an385", help="which board (default: mps2-an385)"
     )
-    parser.add_argument(
-        "--image", metavar="FILE", type=Path, help="the binary (default: what 'make firmware' has built)"
-    )
+    parser.add_argument("--image", metavar="FILE", type=Path, help="the binary (default: that of 'make firmware')")
     parser.add_argument(
         "--link", metavar="PATH", type=Path, required=True, help="make a symbolic link to the port here"
     )
@@ -40,7 +38,7 @@ def run(options: argparse.Namespace) -> None:
     Raises:
         ConfigError: plant file or script. OSError: port, log, image or emulator.
     """
-    # Imported here: compiled code is loaded for the device that runs, and not for --help.
+    # Imported here, so that --help does not load compiled code.
     from sim_hw.firmware.device import run_bench, set_up
     from sim_hw.script import load_script
     from sim_hw.serial_board.port import Port

@@ -1,4 +1,4 @@
-"""The bench as a whole: board, port and plant, and the Python around its compiled service."""
+"""The test bench: board, port and plant, and the Python part of its service."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 
 def set_up(config: Config, script: Script, plant_name: str, board: Board) -> Sim:
-    """The bench's memory with the board off.
+    """The test bench's memory with the board off.
 
     Args:
-        config: the plant file; its converter must be the board's.
-        script: hand, start and faults. plant_name: what to call the plant file in messages.
+        config: the plant file; its converter must be that of the board.
+        script: hand, start and faults. plant_name: of the plant file, for messages.
 
     Raises:
         ConfigError: a plant file with another converter.
@@ -53,12 +53,12 @@ def set_up(config: Config, script: Script, plant_name: str, board: Board) -> Sim
 
 
 def run_bench(sim: Sim, emulator: Emulator, port: Port) -> None:
-    """Be the bench of a board that is on until ``sim.s[STOP]`` is set; then switch it off and end the log.
+    """Run the test bench until ``sim.s[STOP]`` is set; then switch the board off and end the log.
 
     Raises:
-        EmulatorError: the board ended by itself, or does not come up.
+        EmulatorError: the board ended, or does not start.
     """
-    # The memory of the map as a plain array, which compiled code takes.
+    # A plain array of the mapped memory, for compiled code.
     line = b.new_line(np.frombuffer(emulator.page, np.uint32))
     sim.s[BOARD], sim.s[b.MASTER] = emulator.descriptor, port.master
     while (reason := serve(sim, line)) != STOPPED:
@@ -77,7 +77,7 @@ def run_bench(sim: Sim, emulator: Emulator, port: Port) -> None:
             sim.s[BOARD] = emulator.descriptor
             log_row(sim, time.monotonic_ns(), log.REBOOT, 1, 0)
         elif reason == BOARD_GONE:
-            raise EmulatorError("the board's process has ended by itself")
+            raise EmulatorError("the board's process has ended")
         if reason in (UNPLUG, PLUG_IN):
             sim.s[b.MASTER], sim.s[b.LINE_OPEN] = port.master, 0
     now = time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""Board processes: which there are, how each is started, and the line to it."""
+"""Board processes: the kinds of boards, their start, and the line to them."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Board:
     Attributes:
         image: path of its binary below ``build`` of the firmware's source.
         command: program and arguments for an image, a socket and a page.
-        program: what must be installed to run it.
-        package: the Debian package that has it.
+        program: emulator that must be installed.
+        package: its Debian package.
         dac_bits: of its converter. full_scale_A: of its output stage.
-        sleeps: it needs the processor only when something happens, and may have it before others.
+        sleeps: it uses the processor only at events, so that it may have a real-time priority.
     """
 
     image: str
@@ -68,24 +68,24 @@ BOARDS: Final = {
 
 
 class EmulatorError(OSError):
-    """A board cannot be run; the text says what is missing."""
+    """A board cannot be run; the message says what is missing."""
 
 
 class Emulator:
-    """A board as a process. Killing it and starting it again is its reset; its page stays.
+    """A board as a process. A reset ends it and starts it again, with the same page.
 
     Args:
         name: of :data:`BOARDS`. folder: takes socket and page. image: another binary than the board's own.
 
     Raises:
-        EmulatorError: the image or the emulator is not there. OSError: the page or the socket cannot be made.
+        EmulatorError: the image or the emulator is missing. OSError: the page or the socket cannot be created.
     """
 
     def __init__(self, name: str, folder: Path, image: Path | None = None) -> None:
         board = BOARDS[name]
         found = image or FIRMWARE / "build" / board.image
         if not found.exists():
-            raise EmulatorError(f"{found} is not there: 'make firmware' in the project's source makes it")
+            raise EmulatorError(f"{found} is missing: 'make firmware' in the project's source makes it")
         if board.program and not shutil.which(board.program):
             raise EmulatorError(f"board {name} needs {board.program}: apt-get install {board.package}")
         self.board = board
@@ -108,15 +108,15 @@ class Emulator:
         """Start the board and wait until it has set its output.
 
         Raises:
-            EmulatorError: it ended, or did nothing.
+            EmulatorError: it ended, or did not set its output.
         """
         before = int(self.page[page.WRITTEN])
-        # A session of its own: Ctrl-C in the terminal is for the bench, which switches the board off when it is done.
+        # A separate session: Ctrl-C in the terminal is for the bench only, which switches the board off at its end.
         self._process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, start_new_session=True)
         try:
             self._line, _ = self._server.accept()
         except TimeoutError as error:
-            raise EmulatorError(f"the board has not come up within {_BOOT_S:g} s: {self._command}") from error
+            raise EmulatorError(f"the board has not started within {_BOOT_S:g} s: {self._command}") from error
         self._line.setblocking(False)
         end = time.monotonic() + _BOOT_S
         while int(self.page[page.WRITTEN]) == before:
@@ -125,7 +125,7 @@ class Emulator:
             time.sleep(0.001)
 
     def power_off(self) -> None:
-        """End the board at once, as its supply would."""
+        """End the board at once, like a power cut."""
         if self._line is not None:
             self._line.close()
             self._line = None
@@ -135,13 +135,13 @@ class Emulator:
             self._process = None
 
     def close(self) -> None:
-        """End it for good."""
+        """End the board and close its files."""
         self.power_off()
         self._server.close()
 
 
 def _tied(first: bool) -> list[str]:
-    """What makes the board end with this process, however that ends; ``first``: under SCHED_FIFO where that is allowed."""
+    """Command that ends the board together with this process; ``first``: under SCHED_FIFO if that is allowed."""
     command = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
     if first and os.geteuid() == 0 and shutil.which("chrt"):
         command += ["chrt", "--fifo", "60"]

@@ -1,4 +1,4 @@
-"""The shaft's side of the board, compiled: its outputs move the plant, the plant moves its counter."""
+"""The plant at the board, compiled: its outputs move the plant, the plant moves its counter."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from sim_hw.serial_board.layout import LINE, Line, fault_bit
 
 @njit((SIM, I64, I64, I64, I64), counted=False)
 def put_out(sim: Sim, ns: int, code: int, enabled: int, time_us: int) -> None:
-    """The output stage follows the board's DAC and enable line from this instant on; each change has its row.
+    """Apply the board's DAC and enable line from this instant on; each change has a row.
 
     Args:
-        time_us: the board's own clock at that output, for the row's ``detail``.
+        time_us: the board's clock at that output, for the row's ``detail``.
     """
     middle = 1 << (sim.s[b.DAC_BITS] - 1)
     current = (code - middle) * (sim.s[b.FULL_SCALE_UA] * 1e-6) / middle if enabled == 1 else 0.0
@@ -35,7 +35,7 @@ def put_out(sim: Sim, ns: int, code: int, enabled: int, time_us: int) -> None:
 
 @njit((SIM, LINE, I64), counted=False)
 def take_outputs(sim: Sim, line: Line, ns: int) -> None:
-    """Everything that the board has put out since the last look, in order."""
+    """Process all outputs of the board since the last call, in order."""
     written = line.page[p.WRITTEN]
     fence_acquire()
     while sim.s[READ] != written:
@@ -47,7 +47,7 @@ def take_outputs(sim: Sim, line: Line, ns: int) -> None:
 
 @njit((SIM, LINE, I64), counted=False)
 def show_inputs(sim: Sim, line: Line, ns: int) -> None:
-    """Encoder and fault inputs as they are at an instant."""
+    """Set encoder and fault inputs for an instant."""
     line.page[p.COUNT] = take_counts(sim, ns) & 0xFFFFFFFF
     causes = 1 if sim.s[w.RELEASED_UNTIL_NS] <= ns else 0  # the enable input is closed
     for which in range(3):
@@ -58,7 +58,7 @@ def show_inputs(sim: Sim, line: Line, ns: int) -> None:
 
 @njit((SIM, LINE, I64), counted=False)
 def lose_power(sim: Sim, line: Line, ns: int) -> None:
-    """The board is off: its pull resistors switch the output off, and what was on its way is lost."""
+    """Switch the board off: its pull resistors switch the output off, and pending bytes are lost."""
     middle = 1 << (sim.s[b.DAC_BITS] - 1)
     take_outputs(sim, line, ns)
     if sim.s[b.STATUS] == b.ENABLED:

@@ -1,4 +1,4 @@
-"""The page of memory shared with an emulated board; the other reading of ``firmware/serial_dac/boards/bench.h``."""
+"""The page of memory shared with an emulated board; its C declaration is ``firmware/serial_dac/boards/bench.h``."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 COUNT: Final = 0
 """To the board: the encoder's counter, modulo 2³²."""
 CAUSES: Final = 1
-"""To the board: causes of faults that are present, as bits of the status byte; bit 0: the enable input is closed."""
+"""To the board: present causes of faults, as bits of the status byte; bit 0: the enable input is closed."""
 WRITTEN: Final = 2
-"""From the board: outputs so far."""
+"""From the board: number of outputs."""
 OUTPUTS: Final = 4
 """First word of the ring of outputs."""
 RING: Final = 128
@@ -25,10 +25,10 @@ MEMORY_BYTES: Final = 16 << 20
 
 
 def new_page(path: Path) -> NDArray[Any]:
-    """Make the file and map its page, shape (PAGE_WORDS,) uint32, all zero.
+    """Create the file and map its page, shape (PAGE_WORDS,) uint32, all zero.
 
     Raises:
-        OSError: the file cannot be made.
+        OSError: the file cannot be created.
     """
     with path.open("wb") as file:
         file.truncate(MEMORY_BYTES)

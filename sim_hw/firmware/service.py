@@ -1,4 +1,4 @@
-"""The bench's cyclic service, compiled: bytes between port and board, faults on their way, and the shaft."""
+"""The test bench's compiled service: bytes between port and board, faults of the line, and the plant."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from sim_hw.serial_board.framing import LONGEST_FRAME, decode, encode
 from sim_hw.serial_board.layout import LINE, Line, next_due_ns
 
 STOPPED, UNPLUG, PLUG_IN, POWER_OFF, POWER_ON, BOARD_GONE = range(6)
-"""Why the service returned."""
+"""Reasons to return."""
 
 _SAMPLE, _COMMAND, _SAMPLE_INPUTS = 0x03, 0x04, 0x05
 _HELLO_REPLY, _SAMPLE_REPLY = 0x81, 0x83
 _LOOK_NS = 200_000
-"""The board's outputs are looked at so often: no interrupt tells of them."""
+"""Period of polling the board's outputs, which have no interrupt."""
 _CLOSED_LOOK_NS = 2_000_000
 
 
 @njit((SIM, LINE, BYTES, I64, I64, I64), counted=False)
 def _pass_on(sim: Sim, line: Line, data: NDArray[Any], size: int, frame: int, ns: int) -> None:
-    """Write bytes of a frame of this kind to the side that it is for; the counter is shown to a SAMPLE first."""
+    """Write bytes of a frame of this kind to its receiver; before a SAMPLE the board's counter is updated."""
     if frame == kinds.REPLY:
         if sim.s[b.LINE_OPEN] == 1 and sim.s[w.SILENT_UNTIL_NS] <= ns:
             write(sim.s[b.MASTER], data.ctypes.data, size)
@@ -44,7 +44,7 @@ def _pass_on(sim: Sim, line: Line, data: NDArray[Any], size: int, frame: int, ns
 
 @njit((SIM, LINE, BYTES, I64, I64, I64), counted=False)
 def _decide(sim: Sim, line: Line, raw: NDArray[Any], size: int, frame: int, ns: int) -> None:
-    """A whole frame stands in ``raw``, its delimiter included: its fate, and on it goes, now or when it is due."""
+    """Apply faults to the complete frame in ``raw``, with its delimiter, and forward it, now or later."""
     copies, _ = pass_frame(sim, frame, raw, size, ns, ns)
     for _ in range(copies):
         _pass_on(sim, line, raw, size, frame, ns)
@@ -53,7 +53,7 @@ def _decide(sim: Sim, line: Line, raw: NDArray[Any], size: int, frame: int, ns: 
 
 @njit((SIM, LINE, I64, I64), counted=False)
 def _from_host(sim: Sim, line: Line, size: int, ns: int) -> None:
-    """Bytes in the buffer came from the host."""
+    """Process bytes in the buffer from the host."""
     framed = sim.s[FRAMED] == 1
     if not framed:
         _pass_on(sim, line, line.buffer, size, kinds.REQUEST, ns)
@@ -76,7 +76,7 @@ def _from_host(sim: Sim, line: Line, size: int, ns: int) -> None:
 
 @njit((SIM, LINE, I64, I64), counted=False)
 def _from_board(sim: Sim, line: Line, size: int, ns: int) -> None:
-    """Bytes in the buffer came from the board, which sends nothing but frames."""
+    """Process bytes in the buffer from the board, which only sends frames."""
     for n in range(size):
         length = sim.s[BOARD_LENGTH]
         if length < w.HELD_BYTES:
@@ -97,7 +97,7 @@ def _from_board(sim: Sim, line: Line, size: int, ns: int) -> None:
 
 @njit((SIM, LINE, I64), counted=False)
 def _let_go(sim: Sim, line: Line, slot: int) -> None:
-    """A frame that was held goes on."""
+    """Forward a held frame."""
     due = sim.held[slot, w.HELD_DUE_NS]
     frame = sim.held[slot, w.HELD_FRAME]
     _pass_on(sim, line, line.wire, take(sim, slot, line.wire), frame, due)
@@ -106,7 +106,7 @@ def _let_go(sim: Sim, line: Line, slot: int) -> None:
 
 @njit(I64(SIM, LINE), counted=False)
 def _begin(sim: Sim, line: Line) -> int:
-    """The next fault falls due; the service's reason to return, or STOPPED to go on."""
+    """Begin the next fault; returns a reason to return, or STOPPED to continue."""
     kind, row, due, until = begin_fault(sim)
     if kind == kinds.GARBAGE:
         size = min(sim.faults[row, w.FAULT_SIZE], b.BUFFER_BYTES)
@@ -126,7 +126,7 @@ def _begin(sim: Sim, line: Line) -> int:
 
 @njit(I64(SIM, LINE, I64), counted=False)
 def _do_due(sim: Sim, line: Line, now: int) -> int:
-    """Everything that is due by now, in order; the service's reason to return, or STOPPED to go on."""
+    """Do everything that is due, in order; returns a reason to return, or STOPPED to continue."""
     take_outputs(sim, line, now)
     due = next_due_ns(sim)
     while due <= now:
@@ -150,7 +150,7 @@ def _do_due(sim: Sim, line: Line, now: int) -> int:
 
 @njit(I64(SIM, LINE), counted=False)
 def serve(sim: Sim, line: Line) -> int:
-    """Be the bench until STOP is set (STOPPED), or something is to be done that needs Python."""
+    """Run the test bench until STOP is set (STOPPED), or until there is work for Python."""
     now = monotonic_ns(line.timespec)
     while True:
         reason = _do_due(sim, line, now)
@@ -158,7 +158,7 @@ def serve(sim: Sim, line: Line) -> int:
             return reason
         if atomic_load(sim.s, w.STOP) != 0:
             return STOPPED
-        # A port that nobody has open hangs up without end: it is looked at now and then, not waited for.
+        # A port that no host has open reports POLLHUP permanently: it is polled at intervals.
         is_open = sim.s[b.LINE_OPEN] == 1
         now = monotonic_ns(line.timespec)
         wait = min(next_due_ns(sim) - now, _LOOK_NS if is_open else _CLOSED_LOOK_NS)

@@ -1,1 +1,1 @@
-"""The serial DAC board of ``docs/protocols/serial-dac.md``, written from that document alone."""
+"""The serial DAC board of ``docs/protocols/serial-dac.md``, written only from that document."""

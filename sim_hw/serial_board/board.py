@@ -1,4 +1,4 @@
-"""The board's behaviour, compiled: output, watchdog, latched states, and the answers to the four messages."""
+"""The board's behaviour, compiled: output, watchdog, latched states, and the replies to the four messages."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def disable(sim: Sim, ns: int, cause: int) -> None:
 
 @njit((SIM, I64), counted=False)
 def trip_watchdog(sim: Sim, ns: int) -> None:
-    """The watchdog's time has passed at this instant: latched, output off."""
+    """Trip the watchdog at this instant: latched, output off."""
     move_to(sim, ns)
     sim.s[b.STATUS] |= b.WATCHDOG
     log_row(sim, ns, log.WATCHDOG, sim.s[b.WATCHDOG_NS] // _NS_PER_MS, sim.s[b.COMMAND_SEQ])
@@ -46,7 +46,7 @@ def trip_watchdog(sim: Sim, ns: int) -> None:
 
 @njit((SIM, I64, I64, I64), counted=False)
 def latch_fault(sim: Sim, ns: int, which: int, until_ns: int) -> None:
-    """A fault of the board's own, whose cause lasts until ``until_ns``.
+    """Latch a fault of the board, whose cause lasts until ``until_ns``.
 
     Args:
         which: 0 ENCODER_FAULT, 1 AMPLIFIER_FAULT, 2 EXTERNAL_STOP.
@@ -58,7 +58,7 @@ def latch_fault(sim: Sim, ns: int, which: int, until_ns: int) -> None:
 
 @njit((SIM, I64), counted=False)
 def let_go(sim: Sim, ns: int) -> None:
-    """The enable input opens at this instant."""
+    """Open the enable input at this instant."""
     sim.s[b.RELEASED] = 1
     if sim.s[b.WHILE_HELD] == 1:
         disable(sim, ns, b.OFF_RELEASED)
@@ -66,7 +66,7 @@ def let_go(sim: Sim, ns: int) -> None:
 
 @njit((SIM, I64, I64), counted=False)
 def reboot(sim: Sim, ns: int, until_ns: int) -> None:
-    """The processor goes into reset: output off, all that it knew is lost, whatever is on its way too."""
+    """Reset the processor: output off, its state and all pending bytes are lost."""
     disable(sim, ns, b.OFF_REBOOT)
     log_row(sim, ns, log.REBOOT, 0, 0)
     sim.s[b.RESET_UNTIL_NS] = until_ns
@@ -76,7 +76,7 @@ def reboot(sim: Sim, ns: int, until_ns: int) -> None:
 
 @njit((SIM, I64), counted=False)
 def power_up(sim: Sim, ns: int) -> None:
-    """The processor begins after a reset, unconfigured, with its counter at zero."""
+    """Start the processor after a reset, unconfigured, with its counter at zero."""
     sim.s[b.RESET_UNTIL_NS] = w.FAR_NS
     sim.s[b.POWER_UP_NS] = ns
     sim.s[b.STATUS] = b.UNCONFIGURED
@@ -136,7 +136,7 @@ def _sample(sim: Sim, line: Line, ns: int) -> None:
     _put(sim, line, 10, 1, sim.s[b.STATUS])
     _put(sim, line, 11, 1, sim.s[b.COMMAND_SEQ])
     _put(sim, line, 12, 1, 1 - sim.s[b.RELEASED])
-    # The plant does not move while the reply is sent: the row shows the state that was latched.
+    # The plant does not move while the reply is sent: the row has the sampled state.
     sent = send(sim, line, 13 if inputs else 12, ns)
     sim.s[b.STATUS] &= ~b.BAD_FRAME
     turnaround = monotonic_ns(line.timespec) - ns if sent else -1
@@ -185,7 +185,7 @@ def _command(sim: Sim, line: Line, ns: int) -> None:
 
 @njit(types.boolean(SIM, LINE, I64, I64), counted=False)
 def handle(sim: Sim, line: Line, length: int, ns: int) -> bool:
-    """Act on the payload in ``line.payload`` as received at an instant; False when no message is like that."""
+    """Process the payload in ``line.payload``, received at an instant; False if it is not a message."""
     kind = line.payload[0]
     if (kind == 0x03 or kind == 0x05) and length == 2:
         _sample(sim, line, ns)

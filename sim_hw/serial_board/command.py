@@ -15,8 +15,8 @@ def add_parser(devices: Any) -> None:
     parser = devices.add_parser(
         "serial",
         help="the serial DAC board, on a pseudo-terminal",
-        description="The serial DAC board of docs/protocols/serial-dac.md on a pseudo-terminal, with the exact plant behind "
-        "it. The converter's bits and full scale are the plant file's amplifier.dac_bits and amplifier.dac_full_scale.",
+        description="The serial DAC board of docs/protocols/serial-dac.md on a pseudo-terminal, connected to the exact "
+        "plant. The converter's bits and full scale are the plant file's amplifier.dac_bits and amplifier.dac_full_scale.",
     )
     parser.add_argument(
         "--link", metavar="PATH", type=Path, required=True, help="make a symbolic link to the port here"
@@ -27,7 +27,7 @@ def add_parser(devices: Any) -> None:
         metavar="N",
         type=_baud,
         default=0,
-        help="let bytes take their time on a line of this baud rate (default: they take none)",
+        help="emulate the transmission time of this baud rate (default: none)",
     )
     parser.add_argument(
         "--counter-bits",
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> None:
     Raises:
         ConfigError: plant file or script. OSError: port or log.
     """
-    # Imported here: compiled code is loaded for the device that runs, and not for --help.
+    # Imported here, so that --help does not load compiled code.
     from sim_hw.script import load_script
     from sim_hw.serial_board.device import run_board, switch_on
     from sim_hw.serial_board.port import Port

@@ -1,4 +1,4 @@
-"""The board as a whole: its data from a plant file, its port, and the Python around its compiled service."""
+"""The board: its data from a plant file, its port, and the Python part of its service."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def switch_on(config: Config, script: Script, plant_name: str, *, line_baud: int
     Args:
         config: the plant file; its ``amplifier.dac_bits`` and ``dac_full_scale`` are the board's converter.
         script: hand, start and faults.
-        plant_name: what to call the plant file in messages.
-        line_baud: baud of the emulated line; 0: bytes take no time.
+        plant_name: of the plant file, for messages.
+        line_baud: baud of the emulated line; 0: no transmission time.
         counter_bits: width of the encoder counter, 16 … 32.
 
     Raises:
-        ConfigError: a plant file whose converter no board of this protocol has.
+        ConfigError: a plant file with a converter that the protocol does not allow.
     """
     amplifier = config.amplifier
     bits, full_scale_A = amplifier.dac_bits or 0, amplifier.dac_full_scale or 0.0
@@ -60,7 +60,7 @@ def switch_on(config: Config, script: Script, plant_name: str, *, line_baud: int
 
 
 def run_board(sim: Sim, port: Port) -> None:
-    """Be the board until ``sim.s[STOP]`` is set; then switch the output off and end the log."""
+    """Run the board until ``sim.s[STOP]`` is set; then switch the output off and end the log."""
     line = b.new_line(np.zeros(0, np.uint32))
     sim.s[b.MASTER] = port.master
     while (reason := serve(sim, line)) != STOPPED:

@@ -36,7 +36,7 @@ def encode(payload: NDArray[Any], length: int, wire: NDArray[Any]) -> int:
     crc = crc16(payload, length)
     payload[length] = crc & 0xFF
     payload[length + 1] = crc >> 8
-    start = 0  # of the piece that is being written: its length byte
+    start = 0  # index of the length byte of the present block
     end = 1
     for n in range(length + 2):
         if payload[n] == 0:
@@ -52,10 +52,10 @@ def encode(payload: NDArray[Any], length: int, wire: NDArray[Any]) -> int:
 
 @njit(I64(BYTES, I64, BYTES), counted=False)
 def decode(raw: NDArray[Any], length: int, payload: NDArray[Any]) -> int:
-    """Decode what stood before a delimiter; the payload's length, or −1 for a bad frame.
+    """Decode the bytes before a delimiter; returns the payload's length, or −1 for a bad frame.
 
     Args:
-        raw: its first ``length`` bytes, at most LONGEST_FRAME. payload: room for LONGEST_PAYLOAD + 2 bytes.
+        raw: its first ``length`` bytes, at most LONGEST_FRAME. payload: buffer of LONGEST_PAYLOAD + 2 bytes.
     """
     if length < 4 or length > LONGEST_FRAME:
         return -1

@@ -1,6 +1,6 @@
 """The words of a serial board in the simulation's state, its status bits, and the buffers of its line.
 
-Both boards have them: the simulated one, and the bench of the reference firmware (:mod:`sim_hw.firmware`).
+For both boards: the simulated one, and the test bench of the reference firmware (:mod:`sim_hw.firmware`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ LATCHED = WATCHDOG | ENCODER_FAULT | AMPLIFIER_FAULT | EXTERNAL_STOP
 
 _B = w.DEVICE_WORDS
 MASTER = _B
-"""Descriptor of the port's far end; −1 while the cable is out."""
+"""Descriptor of the board's end of the port; −1 while it is unplugged."""
 LINE_OPEN = _B + 1
 """1 while a host has the port open."""
 STATUS = _B + 2
@@ -41,37 +41,37 @@ DAC_BITS = _B + 5
 FULL_SCALE_UA = _B + 6
 COUNTER_BITS = _B + 7
 VERSION = _B + 8
-"""What the HELLO reply says; −1 on the bench: what the firmware says."""
+"""Version in the HELLO reply; −1 on the test bench: that of the firmware."""
 POWER_UP_NS = _B + 9
 COMMAND_SEQ = _B + 10
 RAW_LENGTH = _B + 11
-"""Bytes of the frame coming from the host; beyond LONGEST_FRAME they are only counted."""
+"""Received bytes of a frame from the host; beyond LONGEST_FRAME they are only counted."""
 BYTE_NS = _B + 12
 """Time of one byte on the emulated line; 0: the line is not emulated."""
 RECEIVING_UNTIL_NS = _B + 13
 SENDING_UNTIL_NS = _B + 14
 RESET_UNTIL_NS = _B + 15
-"""The processor is in reset, or without power, until then; FAR_NS when it runs."""
+"""End of a reset or of a time without power; FAR_NS while the processor runs."""
 PLUG_IN_NS = _B + 16
-"""The cable is put back then; FAR_NS while it is in."""
+"""Instant of plugging in again; FAR_NS while it is plugged in."""
 CAUSE_UNTIL_NS = _B + 17
-"""Three words: until when the causes of ENCODER_FAULT, AMPLIFIER_FAULT and EXTERNAL_STOP last."""
+"""Three words: ends of the causes of ENCODER_FAULT, AMPLIFIER_FAULT and EXTERNAL_STOP."""
 RELEASED = _B + 20
 """1: the enable input has been open since the last COMMAND with enable 0."""
 WHILE_HELD = _B + 21
-"""1: the output is on for as long as that is not so."""
+"""1: the output is on only while RELEASED is 0."""
 BENCH_WORDS = _B + 22
-"""First word of the bench's own."""
+"""First word of the test bench."""
 
 FIRMWARE = 0x0102
 SERIAL_NUMBER = 0x51AB0001
 WATCHDOG_MIN_MS, WATCHDOG_MAX_MS, WATCHDOG_POWER_UP_MS = 2, 10_000, 20
 
 OFF_COMMAND, OFF_HELLO, OFF_WATCHDOG, OFF_FAULT, OFF_REBOOT, OFF_RELEASED = range(1, 7)
-"""``code`` of a DISABLE row: why."""
+"""``code`` of a DISABLE row: the reason."""
 
 SAID_HELLO, CONFIGURED, CLOSED, OPENED, UNPLUGGED, PLUGGED, DROPPED_FRAME = range(1, 8)
-"""``detail`` of a STATE row: what happened; its ``code`` is the status byte."""
+"""``detail`` of a STATE row: the event; its ``code`` is the status byte."""
 
 BUFFER_BYTES = 512
 
@@ -81,9 +81,9 @@ class Line(NamedTuple):
 
     Attributes:
         page: (PAGE_WORDS,) uint32, shared with an emulated board (:mod:`sim_hw.firmware.page`); else empty.
-        buffer: (BUFFER_BYTES,) uint8, what ``read`` brings. raw: (64,) the frame being received from the host.
+        buffer: (BUFFER_BYTES,) uint8, for ``read``. raw: (64,) the frame being received from the host.
         payload, wire: (64,) a received payload, a frame to send.
-        reply: (64,) a payload to send, or the frame coming from an emulated board.
+        reply: (64,) a payload to send, or the frame being received from an emulated board.
         pollfds: (2,) int64. timespec: (2,) int64.
     """
 
@@ -103,14 +103,14 @@ LINE = numba.types.NamedTuple((_PAGE, BYTES, BYTES, BYTES, BYTES, BYTES, INTS, I
 
 
 def new_line(page: NDArray[np.uint32]) -> Line:
-    """Empty buffers beside a page."""
+    """Empty buffers, and a page."""
     raw, payload, reply, wire = np.zeros((4, w.HELD_BYTES), np.uint8)
     pollfds, timespec = np.zeros((2, 2), np.int64)
     return Line(page, np.zeros(BUFFER_BYTES, np.uint8), raw, payload, reply, wire, pollfds, timespec)
 
 
 def new_board(config: Config, script: Script, dac_bits: int, full_scale_A: float) -> Sim:
-    """A board's memory: the processor runs, the cable is not in yet, the log has begun.
+    """A board's memory: the processor runs, the cable is not plugged in, the log has begun.
 
     Args:
         config: the plant file. script: hand, start and faults. dac_bits, full_scale_A: of the board's converter.
@@ -128,7 +128,7 @@ def new_board(config: Config, script: Script, dac_bits: int, full_scale_A: float
 
 @njit(I64(SIM), counted=False)
 def next_due_ns(sim: Sim) -> int:
-    """Instant of the next thing that happens without host or firmware: FAR_NS for none."""
+    """Instant of the next event that does not depend on host or firmware: FAR_NS for none."""
     return min(sim.s[WATCHDOG_DUE_NS], sim.s[RESET_UNTIL_NS], sim.s[PLUG_IN_NS], next_event_ns(sim))
 
 

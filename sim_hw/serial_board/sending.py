@@ -1,4 +1,4 @@
-"""From the board to the host, compiled: frames out, through injected faults and the emulated line."""
+"""From the board to the host, compiled: frames, with injected faults and the emulated line."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from sim_hw.serial_board.layout import LINE, Line
 
 @njit((SIM, LINE, I64, I64), counted=False)
 def put_on_line(sim: Sim, line: Line, length: int, ns: int) -> None:
-    """Write ``line.wire`` to the port, and let go of the replies that waited for one to pass.
+    """Write ``line.wire`` to the port, and release replies that waited for one to pass.
 
-    Without a host at the other end the bytes are lost, as on a cable; so are those a host leaves unread until the port's
+    Without a host the bytes are lost, as on a cable; so are those that a host does not read before the port's
     buffer is full.
     """
     if sim.s[b.LINE_OPEN] == 1:
@@ -30,7 +30,7 @@ def put_on_line(sim: Sim, line: Line, length: int, ns: int) -> None:
 
 @njit(types.boolean(SIM, LINE, I64, I64), counted=False)
 def send(sim: Sim, line: Line, length: int, ns: int) -> bool:
-    """Send the first ``length`` bytes of ``line.reply`` as a frame at an instant; whether all of it left unharmed."""
+    """Send the first ``length`` bytes of ``line.reply`` as a frame at an instant; whether it was sent without a fault."""
     size = encode(line.reply, length, line.wire)
     if sim.s[w.SILENT_UNTIL_NS] > ns:
         return False
@@ -46,7 +46,7 @@ def send(sim: Sim, line: Line, length: int, ns: int) -> bool:
 
 @njit((SIM, LINE, I64), counted=False)
 def send_garbage(sim: Sim, line: Line, size: int) -> None:
-    """Put random bytes on the line, zeros among them."""
+    """Send random bytes, including zeros."""
     while size > 0:
         chunk = min(size, b.BUFFER_BYTES)
         for n in range(chunk):

@@ -1,4 +1,4 @@
-"""The board's cyclic service, compiled: waits for bytes and for what falls due, each taken at its own instant."""
+"""The board's compiled service: waits for bytes and events, and processes each at its instant."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sim_hw.serial_board.layout import LINE, Line, next_due_ns
 from sim_hw.serial_board.sending import put_on_line, send_garbage
 
 STOPPED, UNPLUG, PLUG_IN = 0, 1, 2
-"""Why the service returned."""
+"""Reasons to return."""
 
 _LONGEST_WAIT_NS = 20_000_000
 _CLOSED_WAIT_NS = 2_000_000
@@ -29,7 +29,7 @@ _CLOSED_WAIT_NS = 2_000_000
 
 @njit((SIM, LINE, BYTES, I64, I64), counted=False)
 def _act(sim: Sim, line: Line, frame: NDArray[Any], size: int, ns: int) -> None:
-    """A frame of so many bytes, its delimiter included, has been received."""
+    """Process a received frame of ``size`` bytes, with its delimiter."""
     length = decode(frame, size - 1, line.payload)
     if length < 0 or not handle(sim, line, length, ns):
         move_to(sim, ns)
@@ -39,7 +39,7 @@ def _act(sim: Sim, line: Line, frame: NDArray[Any], size: int, ns: int) -> None:
 
 @njit((SIM, LINE, I64), counted=False)
 def _receive(sim: Sim, line: Line, ns: int) -> None:
-    """A frame's delimiter has arrived: act on it now, or when a fault or the line lets it go on."""
+    """Process a complete frame now, or when a fault or the line releases it."""
     length = sim.s[b.RAW_LENGTH]
     sim.s[b.RAW_LENGTH] = 0
     if length == 0:
@@ -70,7 +70,7 @@ def _take_bytes(sim: Sim, line: Line, size: int, ns: int) -> None:
 
 @njit((SIM, LINE, I64), counted=False)
 def _let_go(sim: Sim, line: Line, slot: int) -> None:
-    """A frame that was held goes on: out to the host, or into the board."""
+    """Forward a held frame: to the host, or to the board."""
     due = sim.held[slot, w.HELD_DUE_NS]
     frame = sim.held[slot, w.HELD_FRAME]
     size = take(sim, slot, line.wire)
@@ -83,7 +83,7 @@ def _let_go(sim: Sim, line: Line, slot: int) -> None:
 
 @njit(I64(SIM, LINE), counted=False)
 def _begin(sim: Sim, line: Line) -> int:
-    """The next fault falls due; the service's reason to return, or STOPPED to go on."""
+    """Begin the next fault; returns a reason to return, or STOPPED to continue."""
     kind, row, due, until = begin_fault(sim)
     if kind == kinds.GARBAGE:
         send_garbage(sim, line, sim.faults[row, w.FAULT_SIZE])
@@ -101,7 +101,7 @@ def _begin(sim: Sim, line: Line) -> int:
 
 @njit(I64(SIM, LINE, I64), counted=False)
 def _do_due(sim: Sim, line: Line, now: int) -> int:
-    """Everything that is due by now, in order; the service's reason to return, or STOPPED to go on."""
+    """Do everything that is due, in order; returns a reason to return, or STOPPED to continue."""
     due = next_due_ns(sim)
     while due <= now:
         slot, held_ns = next_held(sim)
@@ -133,7 +133,7 @@ def _note_line(sim: Sim, now: int, is_open: int) -> None:
 
 @njit(I64(SIM, LINE), counted=False)
 def serve(sim: Sim, line: Line) -> int:
-    """Be the board until STOP is set (STOPPED), or until the cable is pulled or put back (UNPLUG, PLUG_IN)."""
+    """Run the board until STOP is set (STOPPED), or the cable is unplugged or plugged in (UNPLUG, PLUG_IN)."""
     now = monotonic_ns(line.timespec)
     while True:
         reason = _do_due(sim, line, now)
@@ -141,7 +141,7 @@ def serve(sim: Sim, line: Line) -> int:
             return reason
         if atomic_load(sim.s, w.STOP) != 0:
             return STOPPED
-        # A port that nobody has open hangs up without end: it is looked at now and then, not waited for.
+        # A port that no host has open reports POLLHUP permanently: it is polled at intervals.
         is_open = sim.s[b.LINE_OPEN] == 1
         now = monotonic_ns(line.timespec)
         wait = min(next_due_ns(sim) - now, _LONGEST_WAIT_NS if is_open else _CLOSED_WAIT_NS)
@@ -158,8 +158,8 @@ def serve(sim: Sim, line: Line) -> int:
             if sim.s[b.MASTER] >= 0:
                 _note_line(sim, now, 0 if events & POLLHUP else 1)
             continue
-        # Bytes that were there when this process woke up later than the watchdog's time came, for all it can know,
-        # in time: the board that is stood in for would have been awake. Whatever else was due comes before them.
+        # Bytes found when this process wakes up after the watchdog's time count as received in time, because a real
+        # board would have been awake. Every other due event comes before them.
         now = min(now, max(sim.s[b.WATCHDOG_DUE_NS] - 1, 0))
         reason = _do_due(sim, line, now)
         if reason != STOPPED:

@@ -220,7 +220,7 @@ def test_paths_are_made_absolute_before_they_are_sent(
 @pytest.mark.parametrize(
     ("words", "code", "error", "message"),
     [
-        (("start",), 1, "fault", "a fault is latched (over_speed); look at the rig, then 'hapticd clear'"),
+        (("start",), 1, "fault", "a fault is latched (over_speed); check the rig, then 'hapticd clear'"),
         (("record", "stop"), 1, "recording", "nothing is being recorded"),
         (
             ("set", "amplifier.dac_bits=12"),
@@ -361,7 +361,7 @@ CHOICE = {
     "reason": "region D: too fast; nothing is started or changed",
     "remedies": [
         {"key": "spring.stiffness", "before": 0.5, "after": 0.01, "unit": "N m/rad", "words": "a softer spring"},
-        {"key": "deflection", "before": 20.3, "after": 2.5, "unit": "ticks", "words": "a release from less far"},
+        {"key": "deflection", "before": 20.3, "after": 2.5, "unit": "ticks", "words": "a smaller deflection"},
     ],
     "help": "",
     "force": True,
@@ -387,7 +387,7 @@ def test_what_helps_is_told_with_the_options_of_the_command_at_hand(
         f"hapticd: {CHOICE['reason']}",
         "One of these changes is enough:",
         "  spring.stiffness     0.5 → 0.01 N m/rad               a softer spring",
-        f"  {deflection:<20} 20.3 → 2.5 ticks                 a release from less far",
+        f"  {deflection:<20} 20.3 → 2.5 ticks                 a smaller deflection",
         "Render it all the same: --force",
     ]
     assert daemon(*words, "--json").document["error"]["remedies"] == CHOICE["remedies"]

@@ -110,7 +110,7 @@ def test_other_options_never_replace_a_file(hapticd: Run, tmp_path: Path) -> Non
     refused = hapticd("map", *SMALL, "--mu", "50", "-o", str(path), "--no-figure")
     assert (refused.code, path.read_bytes()) == (2, before)
     assert refused.err == (
-        f"hapticd: {path} holds maps made with other options (mu 100.0): "
+        f"hapticd: {path} contains maps made with other options (mu 100.0): "
         "choose another -o, or replace it with --force\n"
     )  # fmt: skip
     assert hapticd("map", *SMALL, "--mu", "50", "-o", str(path), "--no-figure", "--force").code == 0

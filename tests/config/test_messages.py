@@ -145,11 +145,11 @@ WRONG = [
     ),
     (
         "plant: {effects: [{name: backlash, gap: 0.1, damping: 0.01}]}",
-        "plant.effects[0].damping = 0.01: is that of a contact with a stiffness; a rigid one has a restitution",
+        "plant.effects[0].damping = 0.01: is for a contact with a stiffness; a rigid contact has a restitution",
     ),
     (
         "plant: {effects: [{name: backlash, gap: 0.1, stiffness: 2, restitution: 0.5}]}",
-        "plant.effects[0].restitution = 0.5: is that of a rigid contact; how one with a stiffness rebounds its damping says",
+        "plant.effects[0].restitution = 0.5: is for a rigid contact; a contact with a stiffness has a damping instead",
     ),
     (
         "plant: {effects: [{name: transport_delay, t_d: soon}]}",
@@ -178,7 +178,7 @@ WRONG = [
     ),
     (
         "plant: {effects: [{name: hand_impedance, k_h: 1, on_s: 3, off_s: 2}]}",
-        "plant.effects[0].off_s = 2: must be above 3 s, the hand's on_s",
+        "plant.effects[0].off_s = 2: must be above on_s = 3 s",
     ),
     (
         "plant: {effects: [{name: stribek}]}",

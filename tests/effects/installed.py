@@ -70,9 +70,9 @@ def test_the_config_knows_its_parameters() -> None:
         ("misnamed", "the effect's slug is drying_grease"),
         ("nameless_relation", "it names nobody, which the catalogue does not have"),
         ("lawless", "it has neither a force nor a friction"),
-        ("misplaced", "acts_on is 'input'; a law from outside is a force or a friction"),
+        ("misplaced", "acts_on is 'input'; an effect of another package must have a force or a friction"),
         ("short", "friction must take 3 numbers and the 3 of its parameters"),
-        ("lengthy", "there is room for 52 more parameters of effects from outside, and it has 57"),
+        ("lengthy", "it has 57 parameters; there is room for 52 more of effects of other packages"),
     ],
 )
 def test_one_that_cannot_be_used_says_why_and_which_entry_point_it_is(slug: str, reason: str) -> None:
@@ -92,7 +92,7 @@ def test_one_that_cannot_be_compiled_stops_only_a_device_that_has_it() -> None:
 
 
 def test_one_cannot_take_the_name_of_another() -> None:
-    assert "has an effect of that name already" in BROKEN["stribeck"]
+    assert "already has an effect of that name" in BROKEN["stribeck"]
     assert CATALOGUE["stribeck"].law.startswith("c → c (1 + s")
 
 

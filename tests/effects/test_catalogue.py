@@ -158,7 +158,7 @@ def test_a_page_holds_all_that_the_entry_says() -> None:
     effect: Effect = CATALOGUE["asymmetric_coulomb"]
     notes = effect.notes
     text = " ".join(page(effect).split())
-    for part in (effect.summary, effect.law, effect.source, effect.where_it_shows, notes.in_data, notes.told_apart):
+    for part in (effect.summary, effect.law, effect.source, effect.where_it_shows, notes.told_apart):
         assert part in text
     for part in (notes.shown_by, notes.simulated, "| `a` | number | number | 0 | -1 … 1 |", "](constant_bias.md)"):
         assert part in text

@@ -8,7 +8,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from hapticd.plant.exact import phi_functions, propagate, time_and_way_to_rest
+from hapticd.plant.exact import phi_functions, propagate, time_and_distance_to_rest
 from tests.plant.reference import exact_reference, relative_error
 
 MU, BETA, SIGMA = 523.0, 0.75, 1.0
@@ -127,12 +127,12 @@ def test_phi_functions_to_the_last_digits(z: float) -> None:
 
 @pytest.mark.parametrize("w", [1e-300, 1e-15, 1e-9, 1e-3, 0.1249, 0.1251, 1.0, 1e4, 1e300])
 @pytest.mark.parametrize("speed", [1.0, 37.0])
-def test_time_and_way_to_rest_to_the_last_digits(w: float, speed: float) -> None:
+def test_time_and_distance_to_rest_to_the_last_digits(w: float, speed: float) -> None:
     with mp.workdps(650):
         rate = mp.mpf(w) / speed * 0.5
         time = mp.log1p(w) / rate
         exact = (time, (speed - 0.5 * time) / rate) if w < 1e300 else (time, speed / rate)
-        got = time_and_way_to_rest(speed, 0.5, w * 0.5 / speed)
+        got = time_and_distance_to_rest(speed, 0.5, w * 0.5 / speed)
         assert max(abs(float(value / want - 1)) for value, want in zip(got, exact, strict=True)) < 1e-14
 
 

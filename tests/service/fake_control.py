@@ -155,7 +155,7 @@ class FakeControl(Endpoints):
     def start(self, force: bool = False, *, command: Command | None = None) -> JsonDict:
         self._enter("start", *self._forced(force))
         if self.fault:
-            raise Refused("fault", "a fault is latched (over_speed); look at the rig, then 'hapticd clear'")
+            raise Refused("fault", "a fault is latched (over_speed); check the rig, then 'hapticd clear'")
         self.state = "running"
         return {**self.status(), "guard": ADMITTED}
 

@@ -228,7 +228,7 @@ def test_body_of_another_type_is_refused(raw: httpx.Client) -> None:
 def test_refusal_of_the_daemon_is_passed_on(raw: httpx.Client, control: FakeControl) -> None:
     control.fault = FAULT
     reply = raw.post("/start")
-    message = "a fault is latched (over_speed); look at the rig, then 'hapticd clear'"
+    message = "a fault is latched (over_speed); check the rig, then 'hapticd clear'"
     assert (reply.status_code, reply.json()) == (409, {"error": {"code": "fault", "message": message}})
 
 

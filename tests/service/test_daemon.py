@@ -79,7 +79,7 @@ def test_estop_latches_and_survives_a_restart(monkeypatch: pytest.MonkeyPatch, t
         assert status["state"] == "fault"
         assert status["fault"]["code"] == "estop"
         with pytest.raises(
-            Refused, match=r"a fault is latched \(estop: .*\); when everybody's hands are .*'hapticd clear'"
+            Refused, match=r"a fault is latched \(estop: .*\); when nobody can be hurt, 'hapticd clear'"
         ):
             daemon.start()
         assert daemon.clear()["state"] == "off"
@@ -421,7 +421,7 @@ def test_hold_keeps_the_last_command_in_a_late_tick_and_fault_does_not_wait(
             daemon.start()
         fault = wait_for_state(daemon, "fault")["fault"]
         assert fault["code"] == "overrun"
-        assert "missed beyond the ticks in time since, servo.overrun ends at 1" in fault["cause"]
+        assert "were missed, minus the punctual ticks since then; servo.overrun allows 1" in fault["cause"]
 
 
 def test_status_books_energies_through_the_model(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

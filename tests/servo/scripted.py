@@ -84,9 +84,3 @@ def rows_of(core: ServoCore, ticks: int) -> np.ndarray[Any, Any]:
     """Run that many ticks and take the rows."""
     core.run(real_time=False, ticks=ticks)
     return core.drain()
-
-
-class Slow(Scripted):
-    """One that declares a delay of its own."""
-
-    latency_s = 0.01

@@ -85,18 +85,18 @@ def test_steps_push_as_much_to_one_side_as_to_the_other_and_are_seeded() -> None
         ("ramp", {"amplitude": 0.0}, "ramp: amplitude = 0: must be above 0 A"),
         ("ramp", {"amplitude": float("nan")}, "ramp: amplitude = nan: must be above 0 A"),
         ("steps", {"duration_s": 0.1}, "steps: duration = 0.1: must be between 0.5 and 600 s"),
-        ("all", {"amplitude": 1.0}, "all: takes no amplitude; name one excitation to choose it"),
-        ("steps", {"high_hz": 50.0}, "steps: takes no high_hz; its motion has no frequency to choose"),
+        ("all", {"amplitude": 1.0}, "all: takes no amplitude; give one excitation to set it"),
+        ("steps", {"high_hz": 50.0}, "steps: takes no high_hz; it has no frequency range"),
         ("chirp", {"low_hz": 9.0, "high_hz": 9.0}, "chirp: low_hz = 9: must be above 0 Hz and below high_hz = 9 Hz"),
         (
             "chirp",
             {"high_hz": 251.0},
-            "chirp: high_hz = 251: must be at most 250 Hz (4 samples a period at servo.rate_hz)",
+            "chirp: high_hz = 251: must be at most 250 Hz (4 samples per period at servo.rate_hz)",
         ),
         (
             "sweep",
             {"amplitude": 5.0, "duration_s": 1.0},
-            "sweep: the origin would travel at 800.7 rad/s: must be at most 200 rad/s (half of safety.max_velocity); "
+            "sweep: the origin would move at 800.7 rad/s: must be at most 200 rad/s (half of safety.max_velocity); "
             "make the amplitude smaller or the duration longer",
         ),
     ],

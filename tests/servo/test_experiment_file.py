@@ -37,8 +37,8 @@ def test_files_are_told_from_shapes(name: str) -> None:
 @pytest.mark.parametrize(
     ("text", "key", "words"),
     [
-        ("", "", "holds no experiment"),
-        ("[chirp]", "", "holds no experiment"),
+        ("", "", "contains no experiment"),
+        ("[chirp]", "", "contains no experiment"),
         ("{amplitude: 1}", "excitation", "must be one of ramp, sweep"),
         ("excitation: chrip", "excitation", "did you mean chirp?"),
         ("{excitation: chirp, amplitud: 1}", "amplitud", "did you mean amplitude?"),
@@ -52,7 +52,11 @@ def test_files_are_told_from_shapes(name: str) -> None:
             "settings.spring.stifness",
             "did you mean spring.stiffness?",
         ),
-        ("{excitation: steps, settings: {plant.inertia: 1}}", "settings.plant.inertia", "no setting that can change"),
+        (
+            "{excitation: steps, settings: {plant.inertia: 1}}",
+            "settings.plant.inertia",
+            "not a setting that can change",
+        ),
         ("{excitation: steps, settings: {spring.stiffness: [1]}}", "settings.spring.stiffness", "must be one value"),
         ("{excitation: steps, excitation: chirp}", "excitation", "given twice"),
     ],

@@ -64,5 +64,5 @@ def test_check_says_what_one_count_a_period_is() -> None:
     rig, _ = linear(0.1)
     found = assess(rig)
     assert found.document["count_speed"] == pytest.approx(1e-3 / 980e-6)
-    assert any("safety.max_velocity = 2 m/s is 1.96 counts a period" in text for text in found.warnings)
-    assert not any("counts a period" in text for text in assess(config()).warnings)
+    assert any("safety.max_velocity = 2 m/s is 1.96 counts per period" in text for text in found.warnings)
+    assert not any("counts per period" in text for text in assess(config()).warnings)

@@ -39,7 +39,7 @@ def test_a_bare_list_will_do() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("3", "holds no sequence"),
+        ("3", "contains no sequence"),
         ("name: a", "steps"),
         ("steps: []", "steps"),
         ("steps: [{spring.stifness: 1}]", "did you mean spring.stiffness?"),

@@ -15,7 +15,7 @@ AFTERMATH_S: Final = 5.0
 OF_TIMING: Final = frozenset(
     {"missed_exchanges", "overrun", "heartbeat_lost", "device_fault", "amplifier_dropped", "enable_timeout"}
 )
-"""What a machine that is late may bring about. A device whose watchdog time has passed reports a fault of its own."""
+"""What a machine that is late may bring about. A device whose watchdog time has passed reports a fault."""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ def test_friction_and_the_bound_on_s_hold_at_every_moment(numbers: Dimensionless
     for end in (account.low[first:], account.high[first:], account.xi[first + 1 :]):
         received = 0.5 * (end * end - start * start) - (np.floor(sampled) + 0.5) * (end - start)
         assert np.all(received <= generation_bound(end - start, start - sampled) + 1e-9 * bounds.scale)
-    direct = account.force[first:] * bounds.way + np.diff(potential(account.xi[first:]))
+    direct = account.force[first:] * bounds.displacement + np.diff(potential(account.xi[first:]))
     assert bounds.generated == pytest.approx(direct, rel=1e-9, abs=1e-9 * bounds.scale.max())
 
 
@@ -51,7 +51,7 @@ def test_friction_and_the_bound_on_s_hold_at_every_moment(numbers: Dimensionless
 def test_the_worst_moment_is_found(numbers: Dimensionless, xi: float, xi_dot: float, k: int) -> None:
     account = ledger(numbers, xi, xi_dot, 25)
     bounds, first = checked(account)
-    k = min(k, bounds.way.size - 1)
+    k = min(k, bounds.displacement.size - 1)
     start, sampled = account.xi[first + k], account.sampled[first + k]
     low, high = account.low[first + k], account.high[first + k]
     ways, late = np.linspace(low - start, high - start, 3001), np.floor(start) - np.floor(sampled)
@@ -65,7 +65,7 @@ def test_the_papers_bound_fails_beside_an_edge_and_by_how_much() -> None:
     bounds, _ = checked(ledger(Dimensionless(100.0, 0.51, 0.51), 0.99, 0.5, 1))
     assert bounds.violations.tolist() == [0]
     # E_g = D − 0.01 once the edge is crossed; less ½D² + ½D that is largest at D = ½, beyond the end of the period
-    D = bounds.way[0]
+    D = bounds.displacement[0]
     assert bounds.excess[0] == pytest.approx(D - 0.01 - 0.5 * D * D - 0.5 * D, rel=1e-12)
 
 

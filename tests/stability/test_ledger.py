@@ -145,8 +145,8 @@ def test_a_motion_that_grows_ends_at_the_limit() -> None:
 @pytest.mark.parametrize(
     ("numbers", "periods", "hand", "words"),
     [
-        (Dimensionless(np.inf, 1.0, 1.0), 5, 0.0, "without a spring"),
-        (Dimensionless(1.0, 1.0, 1.0, 2.5), 3, 0.0, "no whole interval"),
+        (Dimensionless(np.inf, 1.0, 1.0), 5, 0.0, "there is no spring"),
+        (Dimensionless(1.0, 1.0, 1.0, 2.5), 3, 0.0, "no interval of force"),
         (Dimensionless(1.0, 1.0, 1.0, 0.5), 3, [1.0, 2.0, 3.0], "must be constant"),
     ],
 )

@@ -95,8 +95,8 @@ def test_an_ideal_recording_gives_the_energies_of_the_exact_motion(case: tuple[R
 def test_the_bounds_that_hold_hold_in_every_run(case: tuple[RunEnergy, Ledger]) -> None:
     found, _ = case
     assert found.bounds is not None
-    assert found.bounds.way.size > found.time_s.size - 8
-    assert found.bounds.violations.size < found.bounds.way.size
+    assert found.bounds.displacement.size > found.time_s.size - 8
+    assert found.bounds.violations.size < found.bounds.displacement.size
 
 
 @pytest.mark.parametrize("case", ["stops"], indirect=True)
@@ -203,7 +203,7 @@ def test_settings_changed_in_a_run_are_followed(tmp_path: Path) -> None:
     assert any("settings were changed" in note for note in found.notes)
     assert np.abs(found.residual).max() <= 1e-12 * found.energies["stored"].max()
     assert found.bounds is not None
-    assert found.bounds.way.size < 51
+    assert found.bounds.displacement.size < 51
 
 
 def test_lost_rows_do_not_throw_the_model_off() -> None:

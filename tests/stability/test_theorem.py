@@ -255,7 +255,7 @@ def test_an_averaged_velocity_is_not_said_to_lose_energy_from_the_first_period_o
         "spring__damping": 7.2e-5,
     }
     reason = judge(config(**loop, spring__velocity_periods=10), 0.0, velocity=-0.02).reason
-    assert "but for the first 10 periods" in reason
+    assert "except in the first 10 periods" in reason
     assert "all the time" not in reason
     assert not assess(config(**loop, spring__velocity_periods=60), velocity=-0.02).proven
 

@@ -1,1 +1,1 @@
-"""Compiled code of the gap workflow: the filter, and the linear recursions along what it found."""
+"""Compiled code of the gap workflow: the filter, and the linear recursions along its path."""

@@ -1,9 +1,9 @@
-"""One period of the filter: a mode is cut where friction decides, and what will do the same goes through the exact plant.
+"""One period of the filter: a mode is divided where friction decides, and each piece is moved by the exact plant.
 
-What decides is the velocity w that all forces but friction and what pulls besides the disturbance d would give the shaft in
-a period T. With a pull F and a stiction c the shaft goes up beyond (c − F) T/m, down below (−c − F) T/m, and is at rest in
-between. Pieces that will do the same are one group; its mean moves as the plant says, and what varies about it is carried
-linearly.
+The decisive quantity is the velocity w that the shaft would have after a period T if only the disturbance d acted, without
+friction and the other forces. With the sum F of the other forces and a stiction c it moves up if w > (c − F) T/m, down if
+w < (−c − F) T/m, and is at rest in between. Pieces with the same next mode are one group; the plant moves its mean, and its
+covariance is propagated linearly.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _laws, _periods = types.Array(_law, 1, "C"), types.Array(_period, 1, "C")
 _modes = types.Array(from_dtype(MODE), 1, "C")
 
 _LEAST = 1e-12
-"""Share of its variance that w keeps at least between what stops a shaft one way and the other: less is rounding."""
+"""Smallest share of the variance of w that remains between the two limits of stiction: less is rounding."""
 
 
 @njit(types.void(_a, _law, _period, _a, _a, _a, _f8, _f8, _f8), counted=False, inline=True)
@@ -54,7 +54,7 @@ def _go(
     v: float,
     torque: float,
 ) -> None:
-    """Move the shaft through a period of the plant, under a torque besides; its memory is in `state`, changed in place."""
+    """Move the plant through a period with an additional torque; its memory is in `state`, changed in place."""
     if law.simple:
         for j in range(len(current)):
             drive = law.torque_constant * current[j] + law.bias + torque
@@ -73,7 +73,7 @@ def _go(
 
 @njit(types.void(_mode, _period, _f8), counted=False, reorder=True)
 def _swing(r: Any, period: Any, share: float) -> None:
-    """Carry the covariance of a piece whose load is on a coupling; the shaft makes a `share`, 0 to 1, of its motion."""
+    """Propagate the covariance of a piece with a load on a coupling; the shaft makes a `share`, 0 to 1, of its motion."""
     S, M = r.covariance, period.now
     for k in range(4):
         for j in range(5):
@@ -101,14 +101,14 @@ def cut(
     mode: int,
     groups: NDArray[Any],
 ) -> None:
-    """Cut a mode where w decides what the shaft will do, and join each piece to those that do the same.
+    """Divide a mode at the limits of w, and merge each piece with those of the same next mode.
 
     Args:
         p: device vector.
         laws: one of `LAWS`. periods: one of `PERIOD`.
-        duration: of the parts of the period [s]. current: in them [A].
-        modes: shape (3,) of `MODE`. mode: which of them; used up.
-        groups: pieces of all modes, shape (4,): those to be held, to go up, to go down, and to be stopped.
+        duration: of the parts of the period [s]. current: of each part [A].
+        modes: shape (3,) of `MODE`. mode: index of the one to divide, which is overwritten.
+        groups: pieces of all modes, shape (4,): held, up, down, and stopped.
     """
     law, period, m = laws[0], periods[0], modes[mode]
     inertia = moving_inertia(p, m.contact) if law.size == STATES else law.inertia
@@ -129,7 +129,7 @@ def cut(
                 pull, stiction = holding(p, x, period.time + 0.5 * period.span, current[j])
             most, least = max(most, pull + strain), min(least, pull + strain)
             mean += pull * duration[j] / period.span
-    if mode != HELD:  # what moves is stopped by all of the period, what is held is let go by its strongest part
+    if mode != HELD:  # the whole period stops a moving shaft; its strongest part releases a held one
         most = least = mean
     for j in range(law.size):
         m.gain[j] = m.covariance[j, 1] + push * m.covariance[j, 2]
@@ -140,7 +140,7 @@ def cut(
         m.gain[j] /= ww
     sw = math.sqrt(ww)
     w = v + push * m.mean[2]
-    # What a piece of the mode starts from: x and v as they are, d as it will be, and w.
+    # State at the start of a piece: x and v at present, d at the end of the period, and w.
     for j in range(law.size):
         m.covariance[2, j] *= period.decay
     for j in range(law.size):
@@ -182,7 +182,7 @@ def carry(
     state: NDArray[Any],
     other: NDArray[Any],
 ) -> int:
-    """Carry a group of pieces over a period, its mean through the plant; return the mode in which it arrives."""
+    """Propagate a group of pieces over a period, its mean with the plant; return its next mode."""
     law, period, r = laws[0], periods[0], groups[to_mode]
     if to_mode == HELD and not law.remembers:
         return HELD
@@ -227,7 +227,7 @@ def carry(
         slide = max(r.covariance[1, W] / r.covariance[W, W], 0.0)
     else:
         spread(r, half, slide, law.size)
-    # What the white force does to the position beyond T/2 of what it does to the velocity.
+    # Effect of the white force on the position beyond T/2 times its effect on the velocity.
     r.covariance[0, 0] += period.white / 12.0 * (slide * period.span / inertia) ** 2
     r.mean[0], r.mean[1], r.bristle = state[THETA], state[OMEGA], state[BRISTLE]
     if law.has_play:

@@ -10,8 +10,8 @@ from hapticd.jit import njit
 
 _f8 = types.float64
 SURE = 7.0
-"""Standard deviations beyond which there is no tail. At four the likelihood jumped by several nats where a breakaway became
-that unlikely, and ascents ended there."""
+"""Standard deviations beyond which there is no tail. With four, the likelihood jumped by several nats where a breakaway
+became that unlikely, and the maximisation stopped there."""
 _ROOT_2 = math.sqrt(2.0)
 _DENSITY_0 = 1.0 / math.sqrt(2.0 * math.pi)
 
@@ -22,7 +22,7 @@ def truncated(low: float, high: float) -> tuple[float, float, float, float]:
     sign = 1.0
     if low > 0.0:
         sign, low, high = -1.0, -high, -low
-    if high < -5.0:  # the far tail decays exponentially from the near edge
+    if high < -5.0:  # in the far tail the density decays exponentially from the near edge
         k, width = -high, high - low
         e = math.exp(-k * width) if k * width < 50.0 else 0.0
         mass = _DENSITY_0 / k * (1.0 - e - (1.0 - e) / (k * k))
@@ -33,7 +33,7 @@ def truncated(low: float, high: float) -> tuple[float, float, float, float]:
     at_high = _DENSITY_0 * math.exp(-0.5 * high * high)
     mean = (at_low - at_high) / mass
     width = high - low
-    if width < 1e-3:  # nearly a point: the closed form would subtract equal numbers
+    if width < 1e-3:  # nearly a point: the closed form has cancellation
         return mass, 0.0, sign * 0.5 * (low + high), width * width / 12.0
     variance = 1.0 + (low * at_low - high * at_high) / mass - mean * mean
     return mass, 0.0, sign * mean, min(max(variance, 1e-9), 1.0)
@@ -41,7 +41,7 @@ def truncated(low: float, high: float) -> tuple[float, float, float, float]:
 
 @njit(types.UniTuple(_f8, 2)(_f8), inline=True)
 def lower_tail(high: float) -> tuple[float, float]:
-    """Return mass and density of the standard normal below `high` and at it; nothing is left beyond `SURE` deviations."""
+    """Return the mass of the standard normal below `high` and its density there; 0 beyond `SURE` deviations."""
     if high < -SURE:
         return 0.0, 0.0
     if high > SURE:

@@ -1,4 +1,4 @@
-"""Commands of a record as motor currents in force, cut at the instants at which they change."""
+"""Motor currents from the commands of a record, divided at the instants of change."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ def segments(
     current: NDArray[Any],
     spread: NDArray[Any],
 ) -> None:
-    """Cut each period where a delayed command takes effect.
+    """Divide each period where a delayed command takes effect.
 
     Args:
         p: device vector: converter and limit. time_s, command: (n,) record. delay: of the command [s].
-        deviation: (n,) standard deviation of the command in force.
-        duration, current, spread: (n, S) out; what does not fit into S parts is averaged into the last.
+        deviation: (n,) standard deviation of the effective command.
+        duration, current, spread: (n, S) out; parts beyond S are averaged into the last.
     """
     n, parts = duration.shape
     following = 0
@@ -74,13 +74,13 @@ def segments(
 
 @njit(types.void(_a, _m, _m, _m))
 def lagging(p: NDArray[Any], duration: NDArray[Any], aim: NDArray[Any], current: NDArray[Any]) -> None:
-    """Two currents for each period, a half of it each, that move a free mass as the lagging one does.
+    """Two currents for the halves of each period that move a free mass like the lagging current.
 
-    They give it the same velocity, by the current's mean, and the same way, by that of its integral Q: with e = i − aim and
-    e″ + 2δω e′ + ω² e = 0, ∫∫ e = −(Δe − e′ t + 2δω (∫ e − e t)) / ω².
+    They give the same velocity, by the current's mean, and the same displacement, by the mean of its integral Q: with e = i
+    − aim and e″ + 2δω e′ + ω² e = 0, ∫∫ e = −(Δe − e′ t + 2δω (∫ e − e t)) / ω².
 
     Args:
-        p: device vector: the lag. duration, aim: (n, S) parts of each period and the current aimed at, of `segments`.
+        p: device vector: the lag. duration, aim: (n, S) parts of each period and their set points, from `segments`.
         current: (n, 2) out [A].
     """
     n, parts = duration.shape
@@ -104,7 +104,7 @@ def lagging(p: NDArray[Any], duration: NDArray[Any], aim: NDArray[Any], current:
 
 @njit(types.void(_a, _f8, _a, _a))
 def in_force(command: NDArray[Any], loss: float, mean: NDArray[Any], deviation: NDArray[Any]) -> None:
-    """Mean and standard deviation of the command in force where each is lost with a probability and the last one stays.
+    """Mean and standard deviation of the effective command, if each is lost with a probability and the last one stays.
 
     Args:
         command: (n,) as sent. loss: probability. mean, deviation: (n,) out.

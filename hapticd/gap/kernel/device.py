@@ -1,4 +1,4 @@
-"""What a device has, as the filter asks for it, looked up once; and what a coupling does in each length of a period."""
+"""Properties of a device for the filter, computed once; and the transition of a coupling for each length of a period."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
 
 FARTHEST_TWIST = 1.0
-"""Twist of a coupling [rad or m] beyond which the load is put back to the shaft."""
+"""Twist of a coupling [rad or m] beyond which the load is reset to the shaft."""
 
 _NODES, _APART, _TURN_APART = 65, 0.05, 0.03
-"""Lengths of a period for which a coupling is known, and how far they are apart: as a share, in radians of the resonance."""
+"""Tabulated period lengths of a coupling, and their relative spacing: largest value, and in radians of the resonance."""
 
 _GAP = index_of("backlash.gap")
 _GAP_SHARE = index_of("backlash.load_share")
@@ -49,11 +49,11 @@ def moving_inertia(p: NDArray[Any], contact: float) -> float:
 
 LAWS = np.dtype(
     [
-        ("simple", "?"),  # no effect is more than an edit of the base model
+        ("simple", "?"),  # all effects only edit the base model
         ("remembers", "?"),
         ("has_bristle", "?"),
         ("has_play", "?"),
-        ("is_springy", "?"),  # the contact of that play
+        ("is_springy", "?"),  # whether the contact of that play is a spring
         ("has_coupling", "?"),
         ("viscous", "f8"),
         ("coulomb", "f8"),
@@ -62,31 +62,35 @@ LAWS = np.dtype(
         ("stiffness", "f8"),
         ("inertia", "f8"),
         ("size", "i8"),  # of the state
-        ("passed", "f8"),  # share of the inertia that is the load's, behind the play
-        ("twist", "f8"),  # that a coupling usually has [rad or m], and how fast it changes
+        ("passed", "f8"),  # share of the inertia of the load behind the play
+        ("twist", "f8"),  # usual twist of a coupling [rad or m], and its rate
         ("twist_rate", "f8"),
     ],
     align=True,
 )
-"""What a device has, looked up once."""
+"""Properties of a device, computed once."""
 PERIOD = np.dtype(
     [
         ("time", "f8"),  # at its beginning [s]
         ("span", "f8"),  # T [s]
         ("decay", "f8"),  # of d
-        ("mean", "f8"),  # of d over the period, for a unit at its beginning
-        ("white", "f8"),  # variance of the impulse by the white force, and by commands that may have been lost
-        ("coloured", "f8"),  # by what is new in d
+        ("mean", "f8"),  # of d over the period, per unit of d at its beginning
+        ("white", "f8"),  # variance of the impulse of the white force and of commands that may have been lost
+        ("coloured", "f8"),  # variance of the impulse of the innovation of d
         ("fresh", "f8"),  # covariance of that impulse with d at the end
-        ("renewed", "f8"),  # variance of d by what is new in it
+        ("renewed", "f8"),  # variance of the innovation of d
         ("slide", "f8"),  # out: d (velocity at its end) / dw, of all modes
-        ("coast", "f8"),  # share of its velocity that the whole shaft keeps
+        ("coast", "f8"),  # share of the velocity that the whole shaft keeps
         ("moves", "f8"),  # out: probability that the shaft moves
-        ("moving", "f8", (4, 5)),  # what x, v, w and the load's x and v do to x, v and the load's, on a coupling
+        (
+            "moving",
+            "f8",
+            (4, 5),
+        ),  # transition on a coupling: from x, v, w and the load's x and v to x, v and the load's
         ("held", "f8", (4, 5)),  # the same while friction holds the shaft
-        ("usual", "f8"),  # length of a period about which the two are known [s], or 0
-        ("apart", "f8"),  # the next lengths from it, as a share
-        ("nodes", "f8", (_NODES, 2, 4, 5)),  # the two for each of these lengths, 0 until one is met
+        ("usual", "f8"),  # centre of the tabulated period lengths [s], or 0
+        ("apart", "f8"),  # their relative spacing
+        ("nodes", "f8", (_NODES, 2, 4, 5)),  # both transitions for each length, 0 until first needed
         ("now", "f8", (4, 5)),  # scratch
     ],
     align=True,
@@ -97,14 +101,14 @@ _law, _period, _mode = from_dtype(LAWS), from_dtype(PERIOD), from_dtype(MODE)
 
 @njit(COUPLING(_a), counted=False)
 def coupling_of(p: NDArray[Any]) -> Coupling:
-    """Return what joins motor and load."""
+    """Return the coupling of motor and load."""
     natural, load = 2.0 * math.pi * p[_RESONANCE], shared_inertia(p, p[_RESONANCE_SHARE])
     return Coupling(load, load / (edited_base(p)[0] - load), p[_RESONANCE_DAMPING] * natural, natural * natural)
 
 
 @njit(types.void(_a, types.Array(_f8, 2, "C"), _law), counted=False)
 def look_up(p: NDArray[Any], current: NDArray[Any], law: Any) -> None:
-    """Fill in what a device has; `current` is the motor's [A]."""
+    """Fill in the properties of a device; `current` is the motor's [A]."""
     law.inertia, law.viscous, law.coulomb, law.torque_constant, law.bias, law.stiffness, _ = edited_base(p)
     law.simple = not needs_effect_terms(p) and law.stiffness == 0.0
     law.has_bristle = p[_BREAKAWAY] > 0.0
@@ -143,10 +147,10 @@ def _couple_exactly(p: NDArray[Any], law: Any, period: Any, span: float) -> None
 
 @njit(types.void(_a, _law, _period), counted=False)
 def couple(p: NDArray[Any], law: Any, period: Any) -> None:
-    """Fill in what a period does to small differences of motor and load.
+    """Fill in the transition of small differences of motor and load over a period.
 
-    No two periods may be the same: each is quadratic between the three nodes next to it, to some 1e-5, for what is carried
-    linearly anyway. A node is found when it is first met.
+    Because all periods may differ, it is interpolated quadratically between the three nearest nodes, with an error of some
+    1e-5; this is only for the linear part. A node is computed when it is first needed.
     """
     if period.usual == 0.0:
         to = coupling_of(p)
@@ -177,7 +181,7 @@ def couple(p: NDArray[Any], law: Any, period: Any) -> None:
 
 @njit(types.void(_law, _mode), counted=False)
 def loosen(law: Any, m: Any) -> None:
-    """All that is known of the load behind a coupling: it is near the shaft, and swings as far as it usually does."""
+    """Reset the load behind a coupling: near the shaft, with its usual oscillation as deviation."""
     tie(m)
     m.covariance[4, 4] += law.twist * law.twist
     m.covariance[5, 5] += law.twist_rate * law.twist_rate

@@ -1,22 +1,22 @@
-"""The stochastic filter behind every number of the workflow: how likely is each encoder count, given those before it?
+"""The stochastic filter of the workflow: the probability of each encoder count, given those before it.
 
-State: position x, velocity v, and a disturbance torque d that no catalogue knows,
+State: position x, velocity v, and a disturbance torque d that no law explains,
 
     dx = v dt,   m dv = (K_t i + f_θ(x, v, i, t) + d) dt + σ dW,   dd = −d/τ dt + s √(2/τ) dW′,   count = ⌊(h(x) + r e)/Δ⌋.
 
-Near standstill friction holds the shaft, or lets it go up or down: three modes, each a normal distribution of the state
-with its probability (`hapticd.gap.kernel.modes`; Gaussian sum: Alspach and Sorenson, IEEE TAC 17, 1972). What decides is the
-velocity that all forces but friction and what pulls besides d would give the shaft in a period T,
+Near standstill friction holds the shaft, or it moves up or down: three modes, each a normal distribution of the state
+with its probability (`hapticd.gap.kernel.modes`; Gaussian sum: Alspach and Sorenson, IEEE TAC 17, 1972). The next mode
+depends on the velocity that the shaft would have after a period T if only d acted, without friction and the other forces,
 
     w = v + (T/m) d + noise.
 
-With a pull F and a stiction c the shaft goes up beyond (c − F) T/m, down below (−c − F) T/m, and is at rest in between. Each
-mode is cut at these two places; pieces that will do the same are merged, and their mean goes through the project's own exact
-plant (`hapticd.plant.numeric.substep`), so every law of the catalogue is in the filter as it stands; what varies about the
-mean is carried linearly; and what arrives in the same mode is merged again. The load behind a play or a coupling is part of
-the state; a bristle is taken to be known as well as the shaft's path.
+With the sum F of the other forces and a stiction c the shaft moves up if w > (c − F) T/m, down if w < (−c − F) T/m, and is
+at rest in between. Each mode is divided at these two limits; pieces with the same next mode are merged, and the exact plant
+(`hapticd.plant.numeric.substep`) moves their mean, so that the filter contains every law of the catalogue; the covariance is
+propagated linearly; and the pieces of each new mode are merged again. The load behind a play or a coupling is part of the
+state; a bristle is a function of the shaft's path.
 
-The measurement is the probability of the encoder's cell, its update the moments of the normal truncated to that cell
+The measurement is the probability of the encoder's cell, its update the moments of the normal distribution truncated to it
 (grey-box identification: Kristensen, Madsen and Jørgensen, Automatica 40, 2004; latent force: Rogers and Friis,
 arXiv 2109.10681).
 """
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 _EXTERNAL, _GAP = index_of("external_force"), index_of("backlash.gap")
 
 SAME_SPAN = 1e-9
-"""Difference of two periods, relative, that is the rounding of time stamps."""
+"""Relative difference of two periods due to rounding of time stamps."""
 
 _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
@@ -73,7 +73,7 @@ def _filter(
     state: NDArray[Any],
     other: NDArray[Any],
 ) -> float:
-    """`run_filter`, with its scratch: to make an array is to count references, a tenth of the time."""
+    """`run_filter` with given scratch: allocating arrays takes a tenth of the time."""
     n, parts = current.shape
     sensor, tau = noise[SENSOR], noise[CORRELATION]
     power = noise[DISTURBANCE] * noise[DISTURBANCE]
@@ -91,7 +91,7 @@ def _filter(
             span = time_s[last] - time_s[i] if last > i else 1.0
             for k in range(3):
                 modes[k].weight = 0.0
-            m = modes[UP]  # the first period tells what it is doing
+            m = modes[UP]  # the first period determines the mode
             m.weight = 1.0
             m.bristle = m.bristle_x = m.contact = 0.0
             m.covariance[:] = 0.0
@@ -142,7 +142,7 @@ def _filter(
         for k in range(4):
             whole += groups[k].weight
         if not whole > 0.0:
-            return math.nan  # a number of the device is none
+            return math.nan  # a parameter of the device is NaN
         for mode in range(3):
             modes[mode].weight = 0.0
         for k in range(4):
@@ -181,8 +181,8 @@ def run_filter(
         cell: lower edge of each sample's cell over the resolution.
         duration: of the parts of each period [s], shape (n, parts).
         current: motor current in them [A], shape (n, parts).
-        spread: standard deviation of that current [A], shape (n, parts): commands that may have been lost.
-        begins: whether a sample is the first of a stretch, whose state nothing before it tells.
+        spread: standard deviation of that current [A], shape (n, parts), from commands that may have been lost.
+        begins: whether a sample is the first of a stretch, with a new initial state.
         out: shape (n,) of `TICK`.
     """
     laws, periods = np.zeros(1, LAWS), np.zeros(1, PERIOD)

@@ -1,4 +1,4 @@
-"""A recording as the model itself would make it, disturbance, encoder and all, along the path of the real one."""
+"""A simulated recording of the model with disturbance and encoder, along the path of the real one (parametric bootstrap)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _flags = types.Array(types.boolean, 1, "C")
 
 _EXTERNAL = index_of("external_force")
 _FOLLOWS = 0.5
-"""Gain of the tracker that takes position and velocity from the counts (α–β: Benedict and Bordner 1962)."""
+"""Gain of the α–β filter for position and velocity from the counts (Benedict and Bordner 1962)."""
 
 
 @njit(types.void(_a, _a, _f8, _f8, _a, _m, _m, _m, _flags, _f8, _m, _f8, _f8, _m, _a, _a))
@@ -53,12 +53,12 @@ def imitate(
         noise: shape (5,), in the order of `NOISE`.
         resolution: width of a cell [rad or m]. edge: of a cell, over the resolution.
         time_s: (n,) instants [s].
-        duration, current, spread: of the parts of each period, as the filter takes them, shape (n, parts).
+        duration, current, spread: of the parts of each period, as in the filter, shape (n, parts).
         begins: (n,) whether a sample is the first of a stretch.
-        longest: period in which the drive besides pulls [s].
+        longest: longest period in which the additional drive acts [s].
         path: (n, 2) position and velocity to follow.
-        stiffness, damping: of a drive besides, that pulls what the encoder has shown of the shaft to the path. Were it to
-            know more, the current would tell of the motion what the counts do not.
+        stiffness, damping: of an additional drive that moves the shaft to the path. It uses the measured position only:
+            otherwise its current would contain information that the counts do not.
         normal: (n, 4) standard normal numbers.
         added: (n,) out: current of that drive in each period [A].
         cell: (n,) out: lower edge of each sample's cell over the resolution.

@@ -1,4 +1,4 @@
-"""Along what the filter found: how predictions answer to a small torque, and what the disturbance was."""
+"""Linear recursions along the filter's path: sensitivity of the predictions to torques, and smoothing."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _rows = types.Array(from_dtype(TICK), 1, "C")
 
 
 def sensitivities(out: NDArray[Any], columns: NDArray[Any], before: NDArray[Any] | None = None) -> NDArray[Any]:
-    """Return d(predicted measurement)/dθ of torques θ_k columns[:, k], through the filter linearised along its path.
+    """Return d(predicted measurement)/dθ of torques θ_k columns[:, k], by the filter linearised along its path.
 
     Args:
         out: (n,) of `TICK`.
         columns: (n, K) torque during the period after each sample, N m or N; overwritten.
-        before: (3, K) what earlier torques did to the state, of which these are the continuation; changed in place.
+        before: (3, K) sensitivity of the state to earlier torques of the same laws; changed in place.
 
     Returns:
-        The answer in place of `columns`, rad or m per unit of θ.
+        The sensitivities, in the memory of `columns`, rad or m per unit of θ.
     """
     _propagate(out, columns, np.zeros((3, columns.shape[1])) if before is None else before)
     return columns
@@ -61,8 +61,8 @@ def smoothed(out: NDArray[Any], white: NDArray[Any]) -> NDArray[Any]:
         out: (n,) of `TICK`. white: (n,) variance of the mean white force until the next sample [(N m)² or N²].
 
     Returns:
-        Shape (n, 4): velocity [rad/s or m/s], disturbance torque [N m or N] and its variance, and what the white force must
-        have been on average until the next sample.
+        Shape (n, 4): velocity [rad/s or m/s], disturbance torque [N m or N] and its variance, and the mean white force
+        until the next sample.
     """
     n = len(out)
     found = np.empty((n, 4))
@@ -97,7 +97,7 @@ def smoothed(out: NDArray[Any], white: NDArray[Any]) -> NDArray[Any]:
         a00 = b00 - 2.0 * h * t0 + h * h * ktk + h * h * share / row.variance
         a01, a02 = b01 - h * t1, b02 - h * t2
         a11, a12, a22 = b11, b12, b22
-        # The state predicted for this sample is the updated one less what the update moved.
+        # The predicted state of this sample is the updated one minus the update.
         g = row.moved
         found[i, 0] = row.v - row.gain_v * g - (row.xv * l0 + row.vv * l1 + row.vd * l2)
         found[i, 1] = row.d - row.gain_d * g - (row.xd * l0 + row.vd * l1 + row.dd * l2)

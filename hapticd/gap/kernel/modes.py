@@ -1,8 +1,8 @@
-"""What is known of the shaft: up to three normal distributions, one for each thing that it may be doing.
+"""Distribution of the shaft's state: up to three normal distributions, one for each mode of friction.
 
-Held by friction, moving up, or moving down: each mode has a probability, and mean and covariance of the state. No single
-normal distribution has that shape: a held shaft has no velocity at all, and a disturbance that broke it loose is known by
-that.
+Held by friction, moving up, or moving down: each mode has a probability, and mean and covariance of the state. A single
+normal distribution is not enough: a held shaft has exactly zero velocity, and a breakaway gives information on the
+disturbance.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 HELD, UP, DOWN, STOPPED = range(4)
-"""What the shaft does; and, of a piece on its way, that it moved and will be held."""
+"""Mode of the shaft; STOPPED: of a piece that moved and will be held."""
 STATES, SHAFT, W = 6, 4, 3
-"""Position, velocity, disturbance torque, w in a piece on its way, and the load's position and velocity: six numbers, four
-without a load. Loops over a number that is known when they are compiled are unrolled."""
+"""Position, velocity, disturbance torque, w during a period, and the load's position and velocity: six numbers, four
+without a load. Loops over a number known at compile time are unrolled."""
 
 MODE = np.dtype(
     [
-        ("weight", "f8"),  # probability; 0 for a mode that is not
+        ("weight", "f8"),  # probability; 0 for an empty mode
         ("likeliest", "f8"),  # scratch: probability of the likeliest piece in it
         ("mean", "f8", STATES),
         ("covariance", "f8", (STATES, STATES)),
         ("bristle", "f8"),
         ("bristle_x", "f8"),  # regression of the bristle on the position
         ("contact", "f8"),  # side on which a play is closed, or 0
-        ("gain", "f8", STATES),  # scratch: regression of the state on what is seen, or on w; how far means are apart
-        ("expected", "f8"),  # scratch: predicted measurement, its slope, its variance, and what its cell says of it
+        ("gain", "f8", STATES),  # scratch: regression of the state on the measurement, or on w; difference of means
+        ("expected", "f8"),  # scratch: predicted measurement, its slope, its variance, and its moments in the cell
         ("seen", "f8"),
         ("variance", "f8"),
         ("mass", "f8"),
@@ -48,13 +48,13 @@ MODE = np.dtype(
     ],
     align=True,
 )
-"""A mode, or a piece of one that is on its way to another."""
+"""A mode, or a piece of one."""
 
 OUTLIER = 1e-3 / 64.0
-"""Probability of an arbitrary count, or of a width of the sensor's noise if that is wider: what a gross outlier costs."""
+"""Probability of an arbitrary count, or of a width of the sensor's noise if that is wider: for gross outliers."""
 RARE = 1e-12
-"""Probability below which a mode is not followed. Were it above that of an outlier, a shaft that did what was unlikely would
-be lost, and the likelihood would jump where a mode falls below it."""
+"""Probability below which a mode is dropped. If it were above that of an outlier, an unlikely motion of the shaft would
+be lost, and the likelihood would jump where a mode is dropped."""
 
 _f8 = types.float64
 _i8 = types.int64
@@ -96,11 +96,11 @@ def _join(r: Any, piece: Any, weight: float, shift: float, taken: float, size: i
 
 @njit(types.void(_mode, _mode, _f8, _f8, _f8, _i8), counted=False)
 def join(r: Any, piece: Any, weight: float, shift: float, taken: float, size: int) -> None:
-    """Merge a piece of a mode into another: they have the mean and covariance of both, and the contact of the likelier.
+    """Merge a piece into another: mean and covariance of both together, contact of the more probable one.
 
     Args:
         r: changed in place; without weight, it becomes the piece.
-        piece: its mean is moved by `shift` times its `gain`, its covariance narrowed by `taken` times gain times gain.
+        piece: its mean is moved by `shift` times its `gain`, its covariance reduced by `taken` times gain times gain.
         weight: probability of the piece.
         shift: see `piece`.
         taken: see `piece`.
@@ -114,12 +114,12 @@ def join(r: Any, piece: Any, weight: float, shift: float, taken: float, size: in
 
 @njit(types.void(_mode, _f8, _f8, _f8, _f8, _i8), counted=False, inline=True)
 def take(mode: Any, seen: float, variance: float, share: float, moved: float, size: int) -> None:
-    """Move the mean of a mode, and narrow its covariance, by what a measurement tells.
+    """Update mean and covariance of a mode with a measurement.
 
     Args:
         mode: changed in place.
-        seen: d measurement / d position. variance: of the measurement. share: of it that the count takes away.
-        moved: mean of the measurement given the count, less what was predicted.
+        seen: d measurement / d position. variance: of the measurement. share: of it that the count removes.
+        moved: mean of the measurement given the count, minus its prediction.
         size: of the state.
     """
     for j in range(size):
@@ -149,7 +149,7 @@ def _spread(r: Any, half: float, slide: float, size: int) -> None:
 
 @njit(types.void(_mode, _f8, _f8, _i8), counted=False)
 def spread(r: Any, half: float, slide: float, size: int) -> None:
-    """Carry the covariance of a piece: x′ = x + T/2 (v + v′), v′ = `slide` w, and the load coasts."""
+    """Propagate the covariance of a piece: x′ = x + T/2 (v + v′), v′ = `slide` w, and the load coasts."""
     if size == SHAFT:
         _spread(r, half, slide, SHAFT)
     else:
@@ -158,7 +158,7 @@ def spread(r: Any, half: float, slide: float, size: int) -> None:
 
 @njit(types.void(_mode, types.UniTuple(_f8, 4), _f8), counted=False)
 def impact(r: Any, G: tuple[float, float, float, float], passed: float) -> None:
-    """A contact makes G times what it were of the relative motion; the shaft takes a share of that, the load the rest."""
+    """A contact multiplies the relative motion by G; the shaft takes a share of the change, the load the rest."""
     S, kept = r.covariance, 1.0 - passed
     for j in range(STATES):
         way, speed = S[0, j] - S[4, j], S[1, j] - S[5, j]
@@ -194,7 +194,7 @@ def see(
     out: NDArray[Any],
     at: int,
 ) -> float:
-    """Take what a count tells; return the log of its probability, and leave the rest of it in the sample's row.
+    """Update the modes with a count; return its log-probability, and store the other results in the sample's row.
 
     Args:
         p: device vector.
@@ -229,7 +229,7 @@ def see(
         row.x += m.weight * x
         row.v += m.weight * m.mean[1]
         row.d += m.weight * m.mean[2]
-    # The prediction as one normal distribution: what is linearised along the filter's path starts from it.
+    # The prediction as one normal distribution, for the linearisation along the filter's path.
     row.variance = row.xx = row.xv = row.xd = row.vv = row.vd = row.dd = 0.0
     mass = 0.0
     for k in range(3):
@@ -267,7 +267,7 @@ def see(
         off = m.expected + moved - row.mean
         row.moved += weight * off
         left += weight * (m.variance * m.kept + off * off)
-        if m.bristle_x != 0.0:  # what a count tells strains no bristle beyond sliding
+        if m.bristle_x != 0.0:  # the update does not move a bristle beyond steady sliding
             most = max(abs(m.bristle), p[_BREAKAWAY])
             m.bristle += m.bristle_x * m.seen * m.covariance[0, 0] / m.variance * moved
             m.bristle = min(max(m.bristle, -most), most)

@@ -1,9 +1,9 @@
-"""A play with a springy contact, in the filter: whether it is closed hangs on a load that is known to a few counts at best.
+"""A play with a springy contact in the filter: whether it is closed depends on a load known to a few counts at best.
 
-The mean goes through the plant, closed or open as it is itself. The contact's force, which is not linear, has another mean
-than at the mean, and a slope that is the stiffness times the probability that it is closed: those of a normal distribution
-(statistical linearisation: Roberts and Spanos 1990). Without them a contact that comes before the mean meets it tells
-nothing of where the load is, the load is lost, and the likelihood of its rebounds is jagged.
+The plant moves the mean, closed or open. The contact's force is not linear: its mean differs from its value at the mean, and
+its slope is the stiffness times the probability that it is closed, both for a normal distribution (statistical
+linearisation: Roberts and Spanos 1990). Without this, a contact before that of the mean would give no information on the
+load, the load would be lost, and the likelihood of its rebounds would not be smooth.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ _OPEN = 1e-9
 
 @njit(_f8(_f8), counted=False, inline=True)
 def _rounded(z: float) -> float:
-    """Return by how much the mean of max(0, a normal distribution of mean z and deviation 1) exceeds max(0, z)."""
+    """Return E[max(0, z + n)] − max(0, z), with n standard normal."""
     return math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi) - 0.5 * abs(z) * math.erfc(abs(z) / _ROOT_2)
 
 
 @njit(types.UniTuple(_f8, 2)(_a, _mode, _f8, _f8), counted=False)
 def blurred(p: NDArray[Any], r: Any, v: float, span: float) -> tuple[float, float]:
-    """Return the mean force of the contact beyond that at the mean [N m or N], and the probability that it is closed.
+    """Return the mean force of the contact minus the force at the mean [N m or N], and the probability that it is closed.
 
     Args:
         p: device vector. r: piece at the beginning of a period, of `MODE`.
@@ -55,25 +55,25 @@ def blurred(p: NDArray[Any], r: Any, v: float, span: float) -> tuple[float, floa
     variance = max(way + span * both + 0.25 * span * span * (S[1, 1] - 2.0 * S[1, 5] + S[5, 5]), 1e-20)
     deviation = math.sqrt(variance)
     more = _rounded((middle - half_gap) / deviation) - _rounded((middle + half_gap) / deviation)
-    reach = _ROOT_2 * math.sqrt(variance + (speed * span) ** 2 / 12.0)  # with the way that is gone in the period
+    reach = _ROOT_2 * math.sqrt(variance + (speed * span) ** 2 / 12.0)  # with the displacement in the period
     closed = 0.5 * (math.erfc((half_gap - middle) / reach) + math.erfc((half_gap + middle) / reach))
     return p[_STIFFNESS] * deviation * more, closed
 
 
 @njit(types.void(_a, _law, _period, _mode, _f8, _f8, _f8), counted=False)
 def touch(p: NDArray[Any], law: Any, period: Any, r: Any, more: float, closed: float, moves: float) -> None:
-    """Carry what a piece knows of the load through a contact.
+    """Propagate the covariance of a piece through a contact.
 
     Args:
         p: device vector. law: one of `LAWS`. period: one of `PERIOD`.
         r: piece at the end of the period as if there were no contact, its mean from the plant; changed in place.
-        more, closed: as from `blurred`.
+        more, closed: from `blurred`.
         moves: 1 for a shaft that moves, 0 for one at rest.
     """
     load, span = law.passed * law.inertia, period.span
     r.mean[4] += 0.5 * more / load * span * span
     r.mean[5] += more / load * span
-    # What no catalogue knows acts on the load too, by its share of the inertia.
+    # The disturbance also acts on the load, by its share of the inertia.
     fresh = period.white / law.inertia**2
     r.covariance[4, 4] += span * span / 3.0 * fresh
     r.covariance[4, 5] += 0.5 * span * fresh
@@ -84,5 +84,5 @@ def touch(p: NDArray[Any], law: Any, period: Any, r: Any, more: float, closed: f
         part = closed * (1.0 + moves * to.ratio)
         rate, s, way = spring_functions(span, to.damping * part, to.stiffness * part)
         keeps, slows = 1.0 - to.stiffness * part * way, -to.stiffness * part * s
-        # The motion at the end, back to the beginning, and through the contact.
+        # From the end of the motion back to the beginning, then through the contact.
         impact(r, (keeps, s - keeps * span, slows, rate - slows * span), moves * law.passed)

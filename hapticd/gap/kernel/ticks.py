@@ -1,4 +1,4 @@
-"""What the filter leaves of one sample, and the names of its noise."""
+"""Results of the filter for one sample, and the names of the noise parameters."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ TICK = np.dtype(
         ("log_p", "f8"),  # log probability of the count
         ("mean", "f8"),  # predicted measurement [rad or m]
         ("variance", "f8"),  # of the measurement before quantisation
-        ("share", "f4"),  # of the variance that the count takes away; 1 for a measurement without a cell
+        ("share", "f4"),  # of the variance that the count removes; 1 for a measurement without a cell
         ("score", "f4"),  # d log_p / d mean
         ("information", "f4"),  # −d score / d mean, expected
-        ("moved", "f4"),  # mean of the measurement given its cell, less `mean`
+        ("moved", "f4"),  # mean of the measurement given its cell, minus `mean`
         ("seen", "f4"),  # d measurement / d x
         ("gain_x", "f4"),  # regression of the state on the measurement
         ("gain_v", "f4"),
@@ -41,7 +41,7 @@ TICK = np.dtype(
     ],
     align=True,
 )
-"""What the filter leaves of one sample, in half the width where no small differences are taken."""
+"""Results of the filter for one sample; single precision where no small differences are taken."""
 
 NOISE = ("white", "sensor", "disturbance", "memory", "jitter")
 """Noise parameters: σ [N m √s], r [rad or m], s [N m], τ [s], time jitter of the samples [s]."""

@@ -1,1 +1,1 @@
-"""Figures of the theory, a file a subject; each is given what was found, and computes nothing."""
+"""Figures of the theory, one file per subject; each draws given results and computes nothing."""

@@ -1,7 +1,7 @@
-"""What every start of the plane (ξ, ξ̇) ends in: the basins of rest, of each cycle and of growth, by exact simulation.
+"""Basins of attraction in the plane (ξ, ξ̇): of rest, of each cycle and of growth, by exact simulation.
 
-Both axes are linear as far as the cycles below one tick go, and logarithmic beyond: basins of small cycles are seen
-beside how far the limits let a motion go. The starts are those of ``hapticd simulate``: the servo remembers nothing.
+Both axes are linear up to the largest cycle below one tick, and logarithmic beyond: this shows the basins of small cycles
+and the whole range that the limits admit. The starts are those of ``hapticd simulate``: the servo's memory is empty.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hapticd.stability.starts import HEAVIEST, alone, horizon
 from hapticd.stability.storage import FloatArray
 from hapticd.stability.whole_loop import record_of
 
-#: Cells along an axis of the first look and of the finest picture, and periods that the picture may take.
+#: Cells along an axis of the first and of the finest grid, and periods that the grid may take.
 _COARSE, _FINEST, _PERIODS = 16, 112, 10_000_000
 _LONGEST: Final = 20_000
 #: Cycles that have a colour of their own.
@@ -30,12 +30,12 @@ _SHOWN: Final = 8
 
 @dataclass(frozen=True)
 class Basins:
-    """Ends of starts on a grid.
+    """Final states of starts on a grid.
 
     Attributes:
-        xi: (n + 1,) edges of the cells in ticks. xi_dot: the same in ticks per period. linear: up to where both are so.
+        xi: (n + 1,) edges of the cells in ticks. xi_dot: the same in ticks per period. linear: ends of the linear parts.
         ends: (n, n) indices into ``names``, by ξ̇ and ξ.
-        names: what a start ends in, as `Explored.ends` has it; the first are starts that the limits do not admit.
+        names: of the final states, as in `Explored.ends`; the first is for starts that the limits do not admit.
     """
 
     xi: FloatArray
@@ -46,11 +46,11 @@ class Basins:
 
 
 def basins(found: Assessment, jobs: int | None = None) -> Basins:
-    """Run a grid of starts over what is admitted, as fine as a fixed number of periods allows.
+    """Run a grid of starts over the admitted range, as fine as a fixed number of periods allows.
 
     Args:
-        found: a configuration with a spring, and its motion if one is asked about.
-        jobs: threads, None for one per core that this process may use; the answer does not depend on it.
+        found: a configuration with a spring, and its motion if one was requested.
+        jobs: threads, None for one per core that this process may use; the result does not depend on it.
     """
     record = record_of(found.config, found.loop)
     motion = None if found.start is None else (found.deflection or 0.0, found.velocity or 0.0)
@@ -76,7 +76,7 @@ def basins(found: Assessment, jobs: int | None = None) -> Basins:
     names = ("not admitted", "rest", "growth", "undecided", *(cycle.words for cycle in cycles))
     cells = np.select([answers == AT_REST, growing(runs), answers == UNDECIDED], [1, 2, 3], which + 4)
     edges = np.linspace(-1.0, 1.0, n + 1)
-    # those above one tick have a name once, whatever their amplitude
+    # cycles above one tick have one name for all amplitudes
     once = tuple(dict.fromkeys(names))
     ends = np.zeros(inside.shape, np.int64)
     ends[inside] = np.array([once.index(name) for name in names])[cells]
@@ -84,7 +84,7 @@ def basins(found: Assessment, jobs: int | None = None) -> Basins:
 
 
 def _linear_up_to(found: Assessment, weight: float) -> tuple[float, float]:
-    """Ticks, and ticks per period, of the largest cycle below one tick; of one tick where there is none."""
+    """Ticks, and ticks per period, of the largest cycle below one tick; of one tick if there is none."""
     cycles = found.explored.cycles if found.explored is not None else ()
     small = [cycle for cycle in cycles if cycle.periods and cycle.amplitude < ONE_TICK]
     if not small:
@@ -94,7 +94,7 @@ def _linear_up_to(found: Assessment, weight: float) -> tuple[float, float]:
 
 
 def draw_basins(figure: Any, basins: Basins, explored: Explored) -> None:
-    """Draw them into a figure, with the shares of all explored starts in the legend."""
+    """Draw the basins into a figure, with the shares of all explored starts in the legend."""
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
@@ -121,9 +121,9 @@ def draw_basins(figure: Any, basins: Basins, explored: Explored) -> None:
     axes.set_yscale("asinh", linear_width=basins.linear[1])
     axes.xaxis.set_major_locator(AsinhLocator(basins.linear[0], numticks=5))
     axes.yaxis.set_major_locator(AsinhLocator(basins.linear[1], numticks=5))
-    axes.set_xlabel("place ξ (ticks)")
-    axes.set_ylabel("speed (ticks per period)")
-    axes.set_title("what a start ends in", loc="left", fontsize=12)
+    axes.set_xlabel("position ξ (ticks)")
+    axes.set_ylabel("velocity (ticks per period)")
+    axes.set_title("final state of each start", loc="left", fontsize=12)
     patches = []
     for k in (1, 2, 3, *told, *wandering):
         if seen[k]:

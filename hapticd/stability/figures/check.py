@@ -1,7 +1,7 @@
-"""The picture of ``hapticd check``: operating point, critical line and regions on the (β, σ) plane (left of Fig. 8).
+"""The figure of ``hapticd check``: operating point, critical line and regions on the (β, σ) plane (left of Fig. 8).
 
-Beside it the stiffness and damping against frequency that a hand feels (`hapticd.stability.linear_loop`) and, where no proof
-covers the loop, what every start ends in (`hapticd.stability.figures.basins`).
+Next to it: stiffness and damping at the hand over frequency (`hapticd.stability.linear_loop`) and, if no proof
+covers the loop, the final state of every start (`hapticd.stability.figures.basins`).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from hapticd.stability.uncertainty import Confidence
 
 _MARKERS: Final = {"spring.stiffness": "D", "servo.rate_hz": ">", "encoder.decimation": "^", "hand.damping": "s"}
-# Beyond this ratio of the point to the plane's corner a linear axis shows nothing of the boundaries.
+# Ratio of the point to the plane's corner above which the axis is logarithmic, so that the boundaries are visible.
 _LINEAR_UP_TO: Final = 6.0
 _SMALLEST: Final = 0.02
 
@@ -44,12 +44,12 @@ def check_figure(
     """Draw a configuration into a file; its suffix (.png, .svg, .pdf) is the format.
 
     Args:
-        found: what the theory says. changes: the advice, drawn as arrows.
+        found: the assessment. changes: the advice, drawn as arrows.
         path: the file, replaced if it exists. title: name of the configuration.
-        sure: where the operating point may be, drawn as a cloud.
+        sure: the uncertainty of the operating point, drawn as a cloud.
 
     Raises:
-        ValueError: there is no spring, and so no point to draw.
+        ValueError: there is no spring, so no operating point.
     """
     from matplotlib.figure import Figure
 
@@ -70,7 +70,7 @@ def check_figure(
         if change.key in targets:
             _arrow(axis, found, change, targets[change.key], beta)
     if sure is not None:
-        label = f"where it may be: {sure.text.partition(';')[0]}"
+        label = f"its uncertainty: {sure.text.partition(';')[0]}"
         axis.plot(sure.beta, sure.sigma, ".", color=BLUE, alpha=0.35, ms=5, mew=0, zorder=3)
         axis.plot([], [], ".", color=BLUE, ms=5, label=label)
     axis.plot(
@@ -124,7 +124,7 @@ def _felt(axes: Any, found: Assessment) -> None:
 
 
 def _targets(found: Assessment, changes: Sequence[Change]) -> dict[str, Assessment]:
-    """What each change of a setting makes of the configuration."""
+    """The assessment after each change of a setting."""
     return {
         change.key: assess(apply_settings(found.config, {change.key: change.after}), latency_s=found.latency_s)
         for change in changes
@@ -133,7 +133,7 @@ def _targets(found: Assessment, changes: Sequence[Change]) -> dict[str, Assessme
 
 
 def _arrow(axis: Any, found: Assessment, change: Change, then: Assessment, beta: FloatArray) -> None:
-    """The way of the operating point under a change, and where the critical line of the same motion goes with it."""
+    """The path of the operating point under a change, and the new critical line of the same motion."""
     x, y = then.numbers.beta, then.numbers.sigma
     style = {"arrowstyle": "->", "color": BLUE, "lw": 1.2}
     axis.annotate("", (x, y), (found.numbers.beta, found.numbers.sigma), arrowprops=style)
@@ -147,7 +147,7 @@ def _arrow(axis: Any, found: Assessment, change: Change, then: Assessment, beta:
 
 
 def _scales(axis: Axes, found: Assessment, targets: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray]:
-    """Both axes from near zero to beyond everything that is shown, logarithmic where linear ones would hide it."""
+    """Both axes from near zero to beyond everything shown, logarithmic if a linear axis would hide something."""
     n = found.numbers
     ranges = []
     for value, others, least, corner, setter in (

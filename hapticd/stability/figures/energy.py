@@ -1,4 +1,4 @@
-"""The picture of a run's energies: motion, ledger, and what every period generated against the bounds (47, 58)."""
+"""The figure of a run's energies: motion, ledger, and the energy generated in each period with the bounds (47, 58)."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from hapticd.stability.run_energy import RunEnergy
 
 STORED, VISCOUS, COULOMB, GENERATED, UNEXPLAINED = "#1b1b1b", "#7fb2d9", "#0b5fa5", "#c0504d", "#a9a9a9"
-# A drawing cannot show more points than this across; a longer run is thinned.
+# A longer run is thinned to this number of points.
 _POINTS = 20_000
-# Shorter ways are rounding, and would stretch the axis.
-_LEAST_WAY = 1e-3
+# Smaller displacements are rounding, and would stretch the axis.
+_SMALLEST_DISPLACEMENT = 1e-3
 
 
 def energy_figure(energy: RunEnergy, path: Path, title: str) -> None:
@@ -28,7 +28,7 @@ def energy_figure(energy: RunEnergy, path: Path, title: str) -> None:
     Args:
         energy: what to draw. path: the file, replaced if it exists. title: name of the run.
     """
-    checked = energy.bounds is not None and energy.bounds.way.size > 0
+    checked = energy.bounds is not None and energy.bounds.displacement.size > 0
     figure = new_figure(9.0, 9.0 if checked else 6.0)
     heights = (1.0, 1.7, 1.7) if checked else (1.0, 1.7)
     rows = figure.subplots(len(heights), 1, gridspec_kw={"height_ratios": heights})
@@ -80,13 +80,13 @@ def _draw_ledger(axis: Any, energy: RunEnergy, time: Any, thin: slice) -> None:
 
 
 def _draw_bounds(axis: Any, bounds: Bounds) -> None:
-    """What ticks add to the mean force error of every interval, over its way, with the paper's bound on it.
+    """Part of quantisation in the mean force error of each interval, over its displacement, with the paper's bound.
 
-    The parts of sampling ½|D| and of lateness |d| are taken off: what is left of the bound is ½. The energy of a linear
-    spring keeps to it; H_T (35) may not, beside an encoder edge.
+    The parts of sampling ½|D| and of delay |d| are subtracted: the rest of the bound is ½. The energy of a linear
+    spring satisfies it; H_T (35) may not, near an encoder edge.
     """
-    distance = np.abs(bounds.way)
-    moved = np.flatnonzero(distance > _LEAST_WAY)
+    distance = np.abs(bounds.displacement)
+    moved = np.flatnonzero(distance > _SMALLEST_DISPLACEMENT)
     moved = moved[:: max(1, moved.size // _POINTS)]
     if moved.size == 0:
         axis.text(0.5, 0.5, "no period in which the mass moved", transform=axis.transAxes, ha="center")
@@ -94,7 +94,7 @@ def _draw_bounds(axis: Any, bounds: Bounds) -> None:
     D = distance[moved]
     error = bounds.generated[moved] / D - 0.5 * D - np.abs(bounds.late[moved])
     broken = np.isin(moved, bounds.violations)
-    count = f"a period that exceeds the paper's bound at its end or on the way ({broken.sum()} of {D.size} drawn)"
+    count = f"a period that exceeds the paper's bound at its end or before ({broken.sum()} of {D.size} drawn)"
     axis.plot(D[~broken], error[~broken], ".", ms=4, color="#5a5a5a", alpha=0.6, label="a period within it")
     axis.plot(D[broken], error[broken], "o", ms=4.5, color="#c0504d", label=count)
     grid = np.geomspace(D.min() / 1.15, D.max() * 1.15, 800)
@@ -102,6 +102,6 @@ def _draw_bounds(axis: Any, bounds: Bounds) -> None:
     axis.plot(grid, bound, color="#c0504d", ls="--", lw=1.4, label="paper: ½ (47, 58)")
     axis.set_xscale("log")
     axis.set_ylim(min(-0.3, float(np.quantile(error, 0.02)) - 0.1), 1.1)
-    axis.set_xlabel("way in the period, $|D|$ (ticks)")
-    axis.set_ylabel("generated beyond $\\frac{1}{2}D^2 + |dD|$,\nper tick of way")
+    axis.set_xlabel("displacement in the period, $|D|$ (ticks)")
+    axis.set_ylabel("generated beyond $\\frac{1}{2}D^2 + |dD|$,\nper tick of displacement")
     axis.legend(frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)

@@ -27,8 +27,8 @@ Shades = Sequence[tuple[str, str]]
 
 #: The paper's shades of `OUTCOMES`: dark growing, medium persistent, light non-monotonically decaying, white monotone.
 _SHADES: Final[Shades] = (
-    ("#ffffff", "comes to rest, energy falls all the time"),
-    ("#d9d9d9", "comes to rest, energy rises on the way"),
+    ("#ffffff", "comes to rest, energy always falls"),
+    ("#d9d9d9", "comes to rest, energy rises in between"),
     ("#9a9a9a", "persistent oscillation"),
     ("#4a4a4a", "growing"),
     ("#fff3c4", "not done"),
@@ -45,7 +45,7 @@ def boundaries(mu: float, tau_d: float, xi_dot_0: float, beta: FloatArray) -> di
     numbers = Dimensionless(mu, 0.0, 0.0, tau_d)
     bound = float(velocity_bound(0.0, xi_dot_0, mu, tau_d))
     line = 0.5 + tau_d
-    # on the right of the corner, up to λ, it is the border between F1 and F2
+    # to the right of the corner, up to λ, it is the boundary between F1 and F2
     end = float(lambda_(tau_d))
     critical_beta = np.unique(np.append(beta[beta < end], [line, end]))
     return {
@@ -56,7 +56,7 @@ def boundaries(mu: float, tau_d: float, xi_dot_0: float, beta: FloatArray) -> di
 
 
 def draw(maps: Maps) -> Figure:
-    """One panel a map: rows by delay, columns by initial velocity."""
+    """One panel per map: rows by delay, columns by initial velocity."""
     study = maps.study
     rows, columns = len(study.delays), len(study.velocities)
     figure = new_figure(3.1 * columns + 0.6, 3.0 * rows + 1.0)
@@ -80,7 +80,7 @@ def draw(maps: Maps) -> Figure:
 
 
 def plane(axes: Axes, study: Study, tau_d: float, velocity: float, codes: NDArray[Any], shades: Shades) -> None:
-    """A (β, σ) plane of a study, its points in the shades of their codes (β, σ), the boundaries drawn over it."""
+    """A (β, σ) plane of a study, each point in the shade of its code (β, σ), with the boundaries."""
     beta, sigma = (edges(centres, centres[0]) for centres in (study.betas(tau_d), study.sigmas))
     shade(axes, beta, sigma, codes, shades)
     lines = boundaries(study.mu, tau_d, velocity, np.linspace(0.0, beta[-1], 301))
@@ -100,7 +100,7 @@ def shade(axes: Axes, x: FloatArray, y: FloatArray, codes: NDArray[Any], shades:
 
 
 def patches(shades: Shades) -> list[Any]:
-    """What a legend shows of shades."""
+    """Legend entries of the shades."""
     from matplotlib.patches import Patch
 
     return [Patch(facecolor=colour, edgecolor="0.4", label=label) for colour, label in shades]

@@ -1,4 +1,4 @@
-"""The figure of a Z-width: the boundary of the linear loop in each hand, and beside it what the device does at its worst."""
+"""The figure of a Z-width: the boundary of the linear loop in each hand, and the worst case of the device."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 #: Of `VERDICTS`.
 _SHADES: Final[Shades] = (
     ("#ffffff", "comes to rest"),
-    ("#dcdcdc", "goes on, below one tick"),
-    ("#a6a6a6", "goes on, one tick and more"),
+    ("#dcdcdc", "oscillates, below one tick"),
+    ("#a6a6a6", "oscillates, one tick and more"),
     ("#6b6b6b", "grows"),
 )
 _LINEAR, _EXACT, _PASSIVE = "#c0392b", "#000000", "#2e7d32"

@@ -43,7 +43,6 @@ pytestmark = pytest.mark.realtime
 
 PROGRAMS = {"ours": "sim_hw.__main__:main", "durand": "tests.drivers.other_drive.__main__:main"}
 STEP_A = 58e-6 / 0.0292
-PATIENT_NS = 5e8
 SHORT_NS = 5e7
 """A period whose replies are waited for in vain."""
 
@@ -144,7 +143,7 @@ def wait_for(steps: Steps, *results: int, current: Callable[[int], float] = lamb
 def test_it_follows_and_stops(start: Start) -> None:
     rig = start()
     with rig.driven() as steps:
-        assert "cyclic synchronous torque, 1.99 mA a step, read back" in steps.driver.describe()
+        assert "cyclic synchronous torque, 1.99 mA per step, read back" in steps.driver.describe()
         measured = steps.x.view(np.float64)
         for current in (0.3, -0.2, 0.1):
             wait_until(
@@ -193,19 +192,19 @@ def varying(tick: int) -> float:
 
 
 ENDS: list[tuple[dict[str, Any], tuple[int, ...], str]] = [
-    (fault("drop", frames="rpdo", count=10**6), (LOST,), "node 1 does not take its commands (RPDO 1, 0x201)"),
+    (fault("drop", frames="rpdo", count=10**6), (LOST,), "node 1 does not follow its commands (RPDO 1, 0x201)"),
     (fault("corrupt", frames="tpdo", count=1), (ERROR,), "7 bytes, 8 are mapped"),
     (fault("corrupt", frames="rpdo", count=1), (DEVICE_FAULT,), "EMCY 0x8210 (protocol: a PDO of the wrong length"),
     (fault("unplug"), (LOST,), "CAN "),  # it was closed, or reset by the peer
     (fault("bus_off"), (LOST,), "bus-off: the CAN controller has left the bus"),
     (fault("reboot"), (LOST,), "node 1 rebooted: it sent its boot-up message"),
-    (fault("second_node", counts=400, count=10**6), (ERROR,), "TPDO 1 of node 1 comes more often than SYNC asks"),
+    (fault("second_node", counts=400, count=10**6), (ERROR,), "TPDO 1 of node 1 came without a SYNC"),
     (
         fault("foreign_sdo", object=0x6072, value=0x7FFF, size=2),
         (LOST,),
-        "somebody else writes object 0x6072 of the drive (SDO to node 1)",
+        "another client writes object 0x6072 of the drive (SDO to node 1)",
     ),
-    (fault("foreign_sdo", object=0x6071, value=100, size=2), (LOST,), "somebody else writes object 0x6071"),
+    (fault("foreign_sdo", object=0x6071, value=100, size=2), (LOST,), "another client writes object 0x6071"),
     *(
         (fault("emcy", code=code), (DEVICE_FAULT,), f"EMCY 0x{code:04x} ({text}")
         for code, text in (
@@ -313,17 +312,17 @@ REFUSED: list[tuple[tuple[str, ...], dict[str, Any], str]] = [
     (
         ("--missing", "0x6075", "--set", "0x6076=6"),
         {},
-        "6 cN m would be 2.05 A, so the drive most likely counts in cN m",
+        "6 cN m would be 2.05 A, so the drive's unit is most likely cN m",
     ),
     (
         ("--missing", "0x6075", "--set", "0x6076=58400"),
         {},
-        "58400 µN m would be 2 A, so the drive most likely counts in µN m",
+        "58400 µN m would be 2 A, so the drive's unit is most likely µN m",
     ),
     (("--set", "0x6075=20"), {}, "amplifier.torque_constant is 0.0292"),
     (("--set", "0x608F:1=2048"), {}, "encoder.counts_per_rev is 8192: one of the two counts lines"),
     (("--set", "0x6072=1000"), {}, "max torque 0x6072 = 1000 ‰ clips the command at 1.99 A"),
-    (("--set", "0x2110=100"), {}, "amplifier.peak_current = 6 A is 6 times the limit that the drive came with"),
+    (("--set", "0x2110=100"), {}, "amplifier.peak_current = 6 A is 6 times the limit stored in the drive"),
     (("--set", "0x6502=4"), {"profile": "cia402"}, ""),
     (
         ("--missing", "0x60FD"),
@@ -331,7 +330,7 @@ REFUSED: list[tuple[tuple[str, ...], dict[str, Any], str]] = [
         "driver.enable_bit = 16: the drive, or its EDS, has no digital inputs",
     ),
     (("--missing", "0x2113"), {}, "the drive has no object 0x2113, though the EDS copley.eds has it"),
-    (("--node-id", "7"), {}, "node 1 does not answer, but there is node 7: set driver.node_id = 7"),
+    (("--node-id", "7"), {}, "node 1 does not reply, but there is node 7: set driver.node_id = 7"),
 ]
 
 
@@ -343,7 +342,7 @@ def test_drives_that_do_not_fit(start: Start, arguments: tuple[str, ...], option
 
 
 def test_another_device(start: Start) -> None:
-    assert "node 1 is no drive: its device type 0x1000" in start(faults=[{"kind": "wrong_version"}]).refusal()
+    assert "node 1 is not a drive: its device type 0x1000" in start(faults=[{"kind": "wrong_version"}]).refusal()
 
 
 @pytest.mark.parametrize(
@@ -352,8 +351,8 @@ def test_another_device(start: Start) -> None:
         ("080#", ERROR, "another master is on the bus: it sent SYNC (0x080)"),
         ("201#0F000000", ERROR, "another master is on the bus: it sent RPDO 1 to node 1 (0x201)"),
         ("000#0100", ERROR, "another master is on the bus: it sent NMT (0x000)"),
-        ("601#2F60600001000000", LOST, "somebody else writes object 0x6060 of the drive"),
-        ("601#2B726000FF7F0000", LOST, "somebody else writes object 0x6072 of the drive"),
+        ("601#2F60600001000000", LOST, "another client writes object 0x6060 of the drive"),
+        ("601#2B726000FF7F0000", LOST, "another client writes object 0x6072 of the drive"),
         ("181#37022704000000FE", OK, ""),  # one forged sample a second is not told from the bus's own repeats
     ],
 )
@@ -400,4 +399,4 @@ def test_a_drive_that_boots_while_it_is_brought_up(start: Start) -> None:
         thread.start()
         text = rig.refusal()
         thread.join()
-    assert "node 1 booted while it was brought up" in text
+    assert "node 1 booted during bring-up" in text

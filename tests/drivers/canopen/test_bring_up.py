@@ -88,7 +88,7 @@ def test_a_drive_is_set_up_and_left_disabled(bench: Bench) -> None:
     assert drive.value(0x6041) == 0x0250
     assert drive.node.nmt.state == "OPERATIONAL"
     assert driver.describe() == (
-        "CANopen drive, cyclic synchronous torque, 1.99 mA a step, read back (vendor 0xab, product 0x0, revision 0x0, "
+        "CANopen drive, cyclic synchronous torque, 1.99 mA per step, read back (vendor 0xab, product 0x0, revision 0x0, "
         f"serial number 0), on unix_seqpacket {drive.path}, node 1, 1000 kbit/s, bus load 38% (fastest rate 2281 Hz)"
     )
     driver.close()
@@ -159,7 +159,7 @@ REFUSALS: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     (
         {"overrides": {(0x1000, 0): 0x00030191}},
         {},
-        "node 1 is no drive: its device type 0x1000 is 0x00030191, profile 401",
+        "node 1 is not a drive: its device type 0x1000 is 0x00030191, profile 401",
     ),
     ({"aborts": {(0x2113, 0): 0x06020000}}, {}, "the drive has no object 0x2113, though the EDS copley.eds has it"),
     (
@@ -205,7 +205,7 @@ REFUSALS: list[tuple[dict[str, Any], dict[str, Any], str]] = [
         {},
         "cyclic synchronous torque: the drive shows mode 3 (0x6061) though 10 was set",
     ),
-    ({"overrides": {(0x6076, 0): 0}}, {}, "rated torque 0x6076 is 0: the motor is not set up in the drive"),
+    ({"overrides": {(0x6076, 0): 0}}, {}, "rated torque 0x6076 is 0: the motor is not configured in the drive"),
     (
         {"overrides": {(0x6076, 0): 116}},
         {},
@@ -221,12 +221,12 @@ REFUSALS: list[tuple[dict[str, Any], dict[str, Any], str]] = [
         {},
         "Fault → Switch on disabled: statusword 0x0218, waited 0.5 s; the cause of the fault is still there",
     ),
-    ({"node_id": 5}, {}, "node 1 does not answer, but there is node 5: set driver.node_id = 5"),
-    ({"mute": True}, {}, "node 1 does not answer, and no other node does: check the drive's supply, the wiring"),
+    ({"node_id": 5}, {}, "node 1 does not reply, but there is node 5: set driver.node_id = 5"),
+    ({"mute": True}, {}, "node 1 does not reply, and no other node does: check the drive's supply, the wiring"),
     (
         {"sends_first": [can.Message(arbitration_id=0x80, is_extended_id=False)]},
         {},
-        "another master is on the bus: SYNC (0x080) was heard, and this driver did not send it",
+        "another master is on the bus: SYNC (0x080) was received, and this driver did not send it",
     ),
     (
         {"sends_first": [can.Message(arbitration_id=0x601, is_extended_id=False, data=bytes(8))]},
@@ -254,8 +254,8 @@ IMPLAUSIBLE: list[tuple[dict[str, Any], dict[str, Any], dict[str, Any], tuple[st
         {},
         (
             "rated torque 0x6076 = 6 mN m is a rated current of 0.205 A, 0.103 times amplifier.continuous_current = 2 A",
-            "makes 9.73 times of every current",
-            "6 cN m would be 2.05 A, so the drive most likely counts in cN m",
+            "makes 9.73 times every commanded current",
+            "6 cN m would be 2.05 A, so the drive's unit is most likely cN m",
             "driver.rated_torque (in N m)",
         ),
     ),
@@ -265,7 +265,7 @@ IMPLAUSIBLE: list[tuple[dict[str, Any], dict[str, Any], dict[str, Any], tuple[st
         {},
         (
             "0x6076 = 58400 mN m is a rated current of 2e+03 A",
-            "58400 µN m would be 2 A, so the drive most likely counts in µN m",
+            "58400 µN m would be 2 A, so the drive's unit is most likely µN m",
         ),
     ),
     (
@@ -286,7 +286,7 @@ IMPLAUSIBLE: list[tuple[dict[str, Any], dict[str, Any], dict[str, Any], tuple[st
         {},
         (
             "the drive's motor has 0.003 N m/A (rated torque 0x6076 = 6 mN m at rated current 0x6075 = 2000 mA), "
-            "amplifier.torque_constant is 0.0292: 6 cN m would be 2.05 A, so the drive most likely counts in cN m",
+            "amplifier.torque_constant is 0.0292: 6 cN m would be 2.05 A, so the drive's unit is most likely cN m",
         ),
     ),
     (
@@ -301,7 +301,7 @@ IMPLAUSIBLE: list[tuple[dict[str, Any], dict[str, Any], dict[str, Any], tuple[st
         {},
         (
             "rated current 0x6075 = 2 mA is a rated current of 0.002 A",
-            "2 A would be 2 A, so the drive most likely counts in A",
+            "2 A would be 2 A, so the drive's unit is most likely A",
         ),
     ),
     (
@@ -320,7 +320,7 @@ IMPLAUSIBLE: list[tuple[dict[str, Any], dict[str, Any], dict[str, Any], tuple[st
         {"overrides": {(0x6076, 0): 58400}},
         {"rated_torque": 0.077},
         {},
-        ("driver.rated_torque = 0.077 N m, but rated torque 0x6076 = 58400 is that in none of N m, cN m",),
+        ("driver.rated_torque = 0.077 N m, but rated torque 0x6076 = 58400 is not so in any of N m, cN m",),
     ),
     (
         {"overrides": {(0x6072, 0): 1000}},
@@ -347,7 +347,7 @@ IMPLAUSIBLE: list[tuple[dict[str, Any], dict[str, Any], dict[str, Any], tuple[st
         {"overrides": {(0x2110, 0): 100}},
         {},
         {},
-        ("amplifier.peak_current = 6 A is 6 times the limit that the drive came with: peak current limit (0.01 A)",),
+        ("amplifier.peak_current = 6 A is 6 times the limit stored in the drive: peak current limit (0.01 A)",),
     ),
     (
         {"overrides": {(0x6502, 0): 1 << 3}},
@@ -414,7 +414,7 @@ EDS_REFUSALS = [
     (
         "ParameterName=Statusword\nObjectType=0x7\nDataType=0x0006",
         "ParameterName=Statusword\nObjectType=0x7\nDataType=0x0007",
-        "statusword (0x6041) has 4 bytes in the EDS edited.eds, but the drive answers 2: this is not the drive's EDS",
+        "statusword (0x6041) has 4 bytes in the EDS edited.eds, but the drive sends 2: this is not the drive's EDS",
     ),
 ]
 
@@ -476,7 +476,7 @@ def test_an_interface_that_gives_frames_back_is_refused_on_the_compiled_path(
     fake()
     monkeypatch.setattr(bus, "stop_node", bus.stop_node)
     monkeypatch.setattr("drivers.canopen.bring_up.stop_node", lambda *given: bus.stop_node(*given) or True)
-    with pytest.raises(DriverError, match="gives our own frames back"):
+    with pytest.raises(DriverError, match="returns our own frames"):
         open_driver()
 
 
@@ -520,7 +520,7 @@ def test_wrong_options(options: dict[str, Any], text: str) -> None:
         (
             39,
             {},
-            "the loop must give the drive a sign of life every 25 ms (a quarter of driver.watchdog_ms = 100), and one "
+            "the loop must send a guarding message every 25 ms (a quarter of driver.watchdog_ms = 100), and one "
             "period is 25.641 ms; set driver.watchdog_ms to 104 or more, or servo.rate_hz to 40 Hz or more",
         ),
     ],

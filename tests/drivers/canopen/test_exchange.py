@@ -339,8 +339,8 @@ def test_a_drive_that_takes_no_commands_is_stopped_by_nmt(echoing: Wire) -> None
     assert tick(echoing, "FA00", 0.0, "0F000000") == MISSED
     assert tick(echoing, "FA00", 0.0, "02000000", "> 000#0201") == LOST
     assert echoing.why == (
-        "node 1 does not take its commands (RPDO 1, 0x201): in 3 samples in a row its demand was none of the latest, last "
-        "0.5 A where 0 A was commanded; the node was stopped by NMT"
+        "node 1 does not follow its commands (RPDO 1, 0x201): in 3 samples in a row its demand was not one "
+        "of the latest, last 0.5 A with 0 A commanded; the node was stopped by NMT"
     )
     assert echoing.read() == LOST
     assert echoing.write(0.0, 0, "> 201#00000000") == LOST

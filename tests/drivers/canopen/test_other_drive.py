@@ -141,7 +141,7 @@ def test_an_answer_that_takes_two_seconds(served: Served) -> None:
 
 def test_an_answer_that_does_not_come(served: Served) -> None:
     served.start(slow={"0x6060": 3600})
-    assert "node 1 gave no answer about mode of operation (0x6060) within 3 s" in served.refusal()
+    assert "node 1 sent no reply for mode of operation (0x6060) within 3 s" in served.refusal()
 
 
 def test_both_watchdogs(served: Served) -> None:
@@ -161,7 +161,7 @@ def test_both_watchdogs(served: Served) -> None:
 def test_a_drive_that_makes_sync_itself(served: Served) -> None:
     served.start(override={"0x1005": 0x40000080, "0x1006": 5000})
     assert "SYNC (0x080) was heard" in (said := served.refusal())
-    assert said.endswith("or have the drive no longer produce it (0x1005, bit 30)")
+    assert said.endswith("or switch off its SYNC production (0x1005, bit 30)")
 
 
 def test_a_drive_that_is_given_another_number(served: Served) -> None:
@@ -176,7 +176,7 @@ def test_a_drive_that_is_given_another_number(served: Served) -> None:
             other.send(frame(text))
     wait_until(lambda: steps.tick(1) not in (OK,), "the end of it")
     driver.close()
-    assert "node 1 does not answer, but there is node 7: set driver.node_id = 7" in served.refusal()
+    assert "node 1 does not reply, but there is node 7: set driver.node_id = 7" in served.refusal()
     Steps(served.open(node_id=7)).enable()
 
 
@@ -192,7 +192,7 @@ def test_a_real_restart_while_it_is_brought_up(served: Served) -> None:
         return real(data)
 
     drive._takes_request = restart  # type: ignore[method-assign]
-    assert "node 1 booted while it was brought up" in served.refusal()
+    assert "node 1 booted during bring-up" in served.refusal()
 
 
 def test_slcan_over_a_pty(served: Served, tmp_path: Path) -> None:

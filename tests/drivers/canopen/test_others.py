@@ -17,11 +17,11 @@ from tests.drivers.canopen.wire import Wire
 
 FORGED = "< 181#37026206000000FE"  # the same drive, said to be 400 counts further on
 SURPLUS = (
-    "TPDO 1 of node 1 comes more often than SYNC asks for it ({} times since the start): another node uses its identifier, "
-    "or the drive sends it by itself, and which of them tells the position is not known"
+    "TPDO 1 of node 1 came without a SYNC ({} times since the start): another node uses its identifier, "
+    "or the drive sends it without SYNC, and it is not known which one has the position"
 )
 WRITTEN = (
-    "somebody else writes {} of the drive (SDO to node 1), so what bring-up has set and read back may no longer hold; "
+    "another client writes {} of the drive (SDO to node 1), so the settings of bring-up may no longer be valid; "
     "the node was stopped by NMT"
 )
 
@@ -56,7 +56,7 @@ def test_what_is_a_second_apart_is_counted_and_passes(wire: Wire) -> None:
         wire.s[w.SURPLUS_SINCE_NS] -= w.SURPLUS_NS + 1  # a second passes
         assert wire.read("> 080#", ENABLED) == OK
     assert wire.s[w.UNASKED] == 8
-    assert remarks(wire.s) == ["8 TPDO 1 of node 1 came without a SYNC before them"]
+    assert remarks(wire.s) == ["8 TPDO 1 of node 1 came without a SYNC"]
 
 
 def test_late_samples_are_no_surplus_however_often(wire: Wire) -> None:
@@ -145,7 +145,7 @@ def test_somebody_elses_reads_are_counted(wire: Wire, heard: str) -> None:
         assert wire.write(0.0, 1, "> 201#0F000000") == OK
     assert wire.why is None
     assert remarks(wire.s) == [
-        "somebody else reads objects of the drive: 3 SDO frames of node 1 were not for this driver"
+        "another client reads objects of the drive: 3 SDO frames of node 1 were not for this driver"
     ]
 
 
@@ -172,7 +172,7 @@ def test_another_mode_of_operation_is_the_end_in_its_first_sample(shown: Wire) -
         assert tick(shown, "00000A", 0.0, "0F000000") == OK
     assert tick(shown, "000003", 0.0, "02000000", "> 000#0201") == LOST
     assert shown.why == (
-        "node 1 is in mode of operation 3, no longer in 10: somebody else has changed it; the node was stopped by NMT"
+        "node 1 is in mode of operation 3, no longer in 10: another client has changed it; the node was stopped by NMT"
     )
 
 

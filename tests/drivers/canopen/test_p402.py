@@ -12,8 +12,6 @@ from drivers.canopen.state_machine import (
     state_of,
 )
 
-THEIRS = {name.upper(): name for name in NAMES.values()}
-
 
 def their_state(statusword: int) -> str | None:
     for name, (mask, bits) in State402.SW_MASK.items():

@@ -201,12 +201,12 @@ def test_a_loop_that_hangs_is_noticed_by_the_drive_and_reset_by_the_next_open(tm
         (
             {"kind": "second_node", "counts": 400, "count": 9},
             ERROR,
-            "TPDO 1 of node 1 comes more often than SYNC asks for it",
+            "TPDO 1 of node 1 came without a SYNC",
         ),
         (
             {"kind": "foreign_sdo", "object": 0x6072, "value": 0x7FFF, "size": 2},
             LOST,
-            "somebody else writes object 0x6072 of the drive (SDO to node 1)",
+            "another client writes object 0x6072 of the drive (SDO to node 1)",
         ),
     ],
 )
@@ -247,7 +247,7 @@ def test_a_second_program_on_the_bus_that_writes(tmp_path: Path, write: bytes, w
         other.send(struct.pack("<IB3x8s", 0x601, 8, write))
         wait_until(lambda: steps.tick(1, 0.3) == LOST, "the write to be noticed")
         assert driver.error is not None
-        assert driver.error.startswith(f"somebody else writes {why} of the drive")
+        assert driver.error.startswith(f"another client writes {why} of the drive")
         wait_until(lambda: read_log(log)["applied_A"][-1] == 0.0, "zero current")
     truth = read_log(log)
     assert truth["applied_A"].max() > 0.2
@@ -307,16 +307,16 @@ def test_a_drive_that_lies_about_its_current_is_passed_on_as_it_says(
         (
             ("--missing", "0x6075", "--set", "0x6076=6"),
             {},
-            "6 cN m would be 2.05 A, so the drive most likely counts in cN m",
+            "6 cN m would be 2.05 A, so the drive's unit is most likely cN m",
         ),
         (
             ("--missing", "0x6075", "--set", "0x6076=58400"),
             {},
-            "58400 µN m would be 2 A, so the drive most likely counts in µN m",
+            "58400 µN m would be 2 A, so the drive's unit is most likely µN m",
         ),
         (("--set", "0x608F:1=2048"), {}, "encoder.counts_per_rev is 8192: one of the two counts lines"),
         (("--set", "0x6072=1000"), {}, "max torque 0x6072 = 1000 ‰ clips the command at 1.99 A"),
-        (("--node-id", "7"), {}, "node 1 does not answer, but there is node 7: set driver.node_id = 7"),
+        (("--node-id", "7"), {}, "node 1 does not reply, but there is node 7: set driver.node_id = 7"),
         ((), {"profile": "cia402"}, "consumer heartbeat time: the drive has no object 0x1016:1"),
     ],
 )
@@ -352,7 +352,7 @@ def deaf(tmp_path: Path, current: Callable[[int], float], **options: Any) -> tup
 
 def test_a_drive_that_hears_everything_but_its_commands_is_stopped(tmp_path: Path) -> None:
     said, truth = deaf(tmp_path, lambda n: 0.01 * (n % 20))
-    assert said.startswith("node 1 does not take its commands (RPDO 1, 0x201): in 3 samples in a row")
+    assert said.startswith("node 1 does not follow its commands (RPDO 1, 0x201): in 3 samples in a row")
     first_lost = truth["time_ns"][truth["event"] == FAULT_INJECTED][0]
     samples = truth["time_ns"][(truth["event"] == SAMPLE) & (truth["time_ns"] > first_lost)]
     zero = truth["time_ns"][(truth["time_ns"] > first_lost) & (truth["applied_A"] == 0.0)][0]

@@ -91,7 +91,7 @@ def test_an_interface_that_goes_through_python_is_refused() -> None:
     settings = synced("239.0.0.1", 100)
     other = settings.driver.model_copy(update={"interface": "udp_multicast"})
     with pytest.raises(
-        DriverConfigError, match=r"servo.clock = sync: driver.interface = 'udp_multicast' goes through Python"
+        DriverConfigError, match=r"servo.clock = sync: driver.interface = 'udp_multicast' runs through Python"
     ):
         create(settings.model_copy(update={"driver": other}))
 
@@ -119,8 +119,8 @@ def test_the_loop_follows_the_simulated_drive(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("script", "said"),
     [
-        (PRODUCER, r"SYNC comes every \d+ µs \(.* Hz\) on average, servo.rate_hz = 100 Hz asks for 10000 µs"),
-        ("{}", r"no SYNC \(0x080\) comes; switch its producer on"),
+        (PRODUCER, r"SYNC comes every \d+ µs \(.* Hz\) on average, servo.rate_hz = 100 Hz needs 10000 µs"),
+        ("{}", r"no SYNC \(0x080\) is received; switch its producer on"),
     ],
 )
 def test_a_producer_that_does_not_fit_is_refused(tmp_path: Path, script: str, said: str) -> None:

@@ -2,8 +2,6 @@
 
 import binascii
 
-REPLIES = {0x81: 20, 0x82: 3, 0x83: 12}
-
 
 def unstuffed(coded: bytes) -> bytes | None:
     pieces = []

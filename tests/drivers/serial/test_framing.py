@@ -89,5 +89,5 @@ def test_what_is_refused_is_counted_by_its_reason() -> None:
 
 @pytest.mark.parametrize("size", [0, MAX_PAYLOAD + 1])
 def test_a_payload_of_no_length_is_no_frame(size: int) -> None:
-    with pytest.raises(ValueError, match=rf"{size} bytes; 1 … 32"):
+    with pytest.raises(ValueError, match=rf"{size} bytes; a frame takes 1 … 32"):
         frame(bytes(size))

@@ -64,7 +64,7 @@ def test_firmware_that_knows_no_inputs_is_refused(monkeypatch: pytest.MonkeyPatc
     tries: list[Pair] = [
         pair for seq in (1, 2, 3) for pair in ((command(seq, 1 << 13, 0), ""), (asked(seq), reply(seq, 0)))
     ]
-    said = r"safety.enable = true: the board does not answer SAMPLE_INPUTS; its firmware 1.2 knows no enable input"
+    said = r"safety.enable = true: the board does not reply to SAMPLE_INPUTS; its firmware 1.2 has no enable input"
     with (
         expected_exchange(monkeypatch, [*OPENING[:2], *tries, *closing(0)], **HELD) as driver,
         pytest.raises(DriverError, match=said),

@@ -21,7 +21,7 @@ def driver(**changes: Any) -> SerialDacDriver:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"driver": {"port": ...}}, "driver.port is missing; serial_dac needs the device's path, as /dev/ttyUSB0"),
+        ({"driver": {"port": ...}}, "driver.port is missing; serial_dac needs the device's path, such as /dev/ttyUSB0"),
         ({"driver": {"port": 3}}, "driver.port = 3: must be a path"),
         ({"driver": {"bauds": 9600}}, "driver.bauds: driver serial_dac has no such option; did you mean driver.baud?"),
         ({"driver": {"zzz": 1}}, "driver.zzz: driver serial_dac has no such option; it has: port, baud, watchdog_ms"),

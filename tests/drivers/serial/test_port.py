@@ -149,6 +149,6 @@ def test_a_break_is_a_byte_and_no_signal() -> None:
 def test_a_plain_file_is_no_port(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("no port")
     for path in (tmp_path / "notes.txt", tmp_path):
-        with pytest.raises(DriverError, match="no serial port, but a file or folder"):
+        with pytest.raises(DriverError, match="not a serial port, but a file or folder"):
             port.open_port(str(path), 115200)
     assert (tmp_path / "notes.txt").read_text() == "no port"

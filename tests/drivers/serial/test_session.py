@@ -33,24 +33,24 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("pairs", "said"),
     [
-        ([(HELLO, "")], "no board answers within 0.4 s (nothing came in; is the board powered"),
+        ([(HELLO, "")], "no reply from a board within 0.4 s (nothing was received; is the board powered"),
         (
             [(HELLO, b"boot ok\r\n\0")],
-            "10 bytes came in, with 1 bad frames and no answer among them; is driver.baud the board's",
+            "10 bytes were received, with 1 bad frames and no reply; is driver.baud that of the board",
         ),
-        ([(HELLO, hello_reply(nonce=0x4321))], "no board answers within 0.4 s (24 bytes came in, with 0 bad frames"),
-        ([(HELLO, hello_reply(version=2))], "the board speaks version 2 of the protocol, this driver version 1"),
+        ([(HELLO, hello_reply(nonce=0x4321))], "within 0.4 s (24 bytes were received, with 0 bad frames"),
+        ([(HELLO, hello_reply(version=2))], "the board has version 2 of the protocol, this driver version 1"),
         (
             [(HELLO, framed(bytes.fromhex("81 03 34 12")))],
-            "the board speaks version 3 of the protocol, this driver version 1",
+            "the board has version 3 of the protocol, this driver version 1",
         ),
         ([(HELLO, framed(bytes.fromhex("81 01 34 12 0e")))], "the board's HELLO reply has 5 bytes"),
-        ([(HELLO, hello_reply(bits=20))], "makes no sense: dac_bits = 20, not in 8 … 16"),
+        ([(HELLO, hello_reply(bits=20))], "is invalid: dac_bits = 20, not in 8 … 16"),
         (
             [(HELLO, hello_reply(scale=0, counter=8))],
-            "makes no sense: full scale = 0 µA; counter_bits = 8, not in 16 … 32",
+            "is invalid: full scale = 0 µA; counter_bits = 8, not in 16 … 32",
         ),
-        ([(HELLO, hello_reply(least=9, most=8))], "makes no sense: watchdog range = 9 … 8 ms"),
+        ([(HELLO, hello_reply(least=9, most=8))], "is invalid: watchdog range = 9 … 8 ms"),
         (
             [(HELLO, hello_reply(bits=12)), *CLOSING_0_OF_12_BITS],
             "amplifier.dac_bits = 14 bits, but the board's DAC has 12 bits",
@@ -61,25 +61,25 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
         ),
         (
             [(HELLO, hello_reply(most=100)), *CLOSING_0],
-            "driver.watchdog_ms = 200 ms: the board takes 5 to 100 ms",
+            "driver.watchdog_ms = 200 ms: the board allows 5 to 100 ms",
         ),
-        ([*OPENING[:1], (CONFIGURE, ""), *CLOSING_0], "the board does not answer CONFIGURE"),
+        ([*OPENING[:1], (CONFIGURE, ""), *CLOSING_0], "the board does not reply to CONFIGURE"),
         (
             [*OPENING[:1], (CONFIGURE, framed(b"\x82\0\0")), *CLOSING_0],
             "driver.watchdog_ms = 200 ms: the board refused it",
         ),
         ([*OPENING[:1], (CONFIGURE, framed(b"\x82\x14\0")), *CLOSING_0], "200 ms: the board has set 20 ms"),
-        ([*OPENING[:2], *OFF_AND_SAMPLE, *CLOSING_0], "the board does not answer SAMPLE"),
+        ([*OPENING[:2], *OFF_AND_SAMPLE, *CLOSING_0], "the board does not reply to SAMPLE"),
         (
             [*OPENING[:3], (SAMPLE_1, reply(1, 0, status=1)), *CLOSING_0],
-            "the board does not take zero current and disable (status 0x01)",
+            "the board does not confirm zero current and disable (status 0x01)",
         ),
         (
             [*OPENING[:3], (SAMPLE_1, reply(1, 0, status=32, command_seq=0)), *CLOSING_0],
-            "the board does not take zero current and disable (status 0x20)",
+            "the board does not confirm zero current and disable (status 0x20)",
         ),
-        ([(HELLO, HangUp())], "the port is gone"),
-        ([*OPENING[:1], (CONFIGURE, HangUp())], "the port is gone"),
+        ([(HELLO, HangUp())], "the port is lost"),
+        ([*OPENING[:1], (CONFIGURE, HangUp())], "the port is lost"),
     ],
 )
 def test_a_beginning_that_fails(monkeypatch: pytest.MonkeyPatch, pairs: list[Pair], said: str) -> None:

@@ -103,13 +103,13 @@ def test_node_id_and_drive_without_cyclic_torque(start_drive):
 
 
 WRONG = [
-    ({(0x5000, 0): 1}, [], "here: 0x5000 = 1: the drive has no such object; it has those of drive.eds"),
+    ({(0x5000, 0): 1}, [], "here: 0x5000 = 1: the drive has no such object; its objects are those of drive.eds"),
     ({(0x1018, 9): 1}, [], "here: 0x1018:9 = 1: the object has no such sub-index"),
     ({(0x6060, 0): 300}, [], "here: 0x6060 = 300: must be between -128 and 127: it has 8 bits"),
     ({(0x6076, 0): -1}, [], "here: 0x6076 = -1: must be between 0 and 4294967295: it has 32 bits"),
     ({(0x1008, 0): 1}, [], "here: 0x1008 = 1: is a text, not a number"),
-    ({(0x6076, 0): 1}, [0x6076], "here: 0x6076 = 1: is to be missing, and to have a value"),
-    ({}, [0x5000], "here: 0x5000: cannot be missing: the drive has no such object; it has those of drive.eds"),
+    ({(0x6076, 0): 1}, [0x6076], "here: 0x6076 = 1: is given a value, and as missing"),
+    ({}, [0x5000], "here: 0x5000: cannot be missing: the drive has no such object; its objects are those of drive.eds"),
 ]
 
 

@@ -140,7 +140,7 @@ def test_a_socket_in_use_or_bad_options_are_clear_errors(start_drive, tmp_path):
         (
             [str(tmp_path / "x"), "--bus", "port=1"],
             2,
-            "command line: --bus: is for the interfaces that python-can serves",
+            "command line: --bus: is for interfaces of python-can only",
         ),
     ):
         refused = forked.device(["canopen", "--socket", *arguments], tmp_path)
