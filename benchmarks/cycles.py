@@ -21,7 +21,8 @@ from hapticd.stability.describing_function import (
     LimitCycle,
     predicted_cycle,
 )
-from hapticd.stability.explore import Effort, Explored, explore_loop
+from hapticd.stability.explore import Effort, explore_loop
+from hapticd.stability.explored import Explored
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.regions import region
 from hapticd.stability.whole_loop import bare_loop

@@ -9,7 +9,8 @@ from typing import Final
 from hapticd.config import apply_settings
 from hapticd.reproduce.items import Cell, Table
 from hapticd.reproduce.release import CASES, config_of
-from hapticd.stability.explore import Effort, Explored, explore
+from hapticd.stability.explore import Effort, explore
+from hapticd.stability.explored import Explored
 
 #: Raw counts per coarse tick: of case (b), and a third of it, for σ = 0.3 instead of 0.1.
 _DECIMATIONS: Final = (2172, 724)

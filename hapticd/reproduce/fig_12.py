@@ -22,7 +22,8 @@ from hapticd.stability.describing_function import (
     small_sigma,
     stability_sigma,
 )
-from hapticd.stability.explore import Effort, Explored, explore_loop
+from hapticd.stability.explore import Effort, explore_loop
+from hapticd.stability.explored import Explored
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.whole_loop import bare_loop
 

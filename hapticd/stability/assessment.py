@@ -21,7 +21,8 @@ from hapticd.stability.cautions import cautions
 from hapticd.stability.criterion import criterion_margin, sampling_bound_ok, velocity_limit
 from hapticd.stability.damped import Damped, damped
 from hapticd.stability.describing_function import LimitCycle, predicted_cycle, settled_cycle
-from hapticd.stability.explore import CHECK, Effort, Explored, explore
+from hapticd.stability.explore import CHECK, Effort, explore
+from hapticd.stability.explored import Explored
 from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config
 from hapticd.stability.regions import MEANING, region
 from hapticd.stability.storage import equivalent_deflection

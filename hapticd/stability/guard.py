@@ -15,7 +15,8 @@ from hapticd.config import Config
 from hapticd.stability.advice import advise
 from hapticd.stability.assessment import Assessment, assess
 from hapticd.stability.criterion import velocity_limit
-from hapticd.stability.explore import GUARD, Explored, explore
+from hapticd.stability.explore import GUARD, explore
+from hapticd.stability.explored import Explored
 from hapticd.stability.numbers import Loop, from_config, loop_from_config
 from hapticd.stability.regions import MEANING, region
 from hapticd.stability.report import caveat, number, remedies

@@ -13,7 +13,8 @@ from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, Verdict
 from hapticd.stability.criterion import criterion_margin, lambda_
 from hapticd.stability.devices import HUMAN_OPERATOR, Device, compare, grip_fraction
-from hapticd.stability.explore import UNLIMITED, Explored
+from hapticd.stability.explore import UNLIMITED
+from hapticd.stability.explored import Explored
 from hapticd.stability.regions import MEANING
 from hapticd.stability.theorems import unproven
 

@@ -15,7 +15,8 @@ from hapticd.stability import explore as exploring
 from hapticd.stability import sampled_loop
 from hapticd.stability.assessment import assess
 from hapticd.stability.cycles import UNDECIDED, answers_of
-from hapticd.stability.explore import CHECK, GUARD, REMEDY, Explored, explore
+from hapticd.stability.explore import CHECK, GUARD, REMEDY, explore
+from hapticd.stability.explored import Explored
 from hapticd.stability.guard import explore_further, judge
 from hapticd.stability.numbers import Dimensionless, Scales, loop_from_config, physical
 from hapticd.stability.starts import starts_of

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from hapticd.figures.style import GREY, INK, ORANGE, RED, STABLE, UNSTABLE
 from hapticd.stability.assessment import Assessment
 from hapticd.stability.cycles import AT_REST, ONE_TICK, UNDECIDED, WANDERS, answers_of, growing, sorted_into
-from hapticd.stability.explore import Explored, admitted, threads
+from hapticd.stability.explore import admitted, threads
+from hapticd.stability.explored import Explored
 from hapticd.stability.starts import HEAVIEST, alone, horizon
 from hapticd.stability.storage import FloatArray
 from hapticd.stability.whole_loop import record_of
