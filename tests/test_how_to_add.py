@@ -112,7 +112,7 @@ def test_a_driver(installed: dict[str, str]) -> None:
     assert (listed["bench"]["summary"], listed["bench"]["error"]) == ("clamped shaft", None)
     document = hapticd(installed, "check", "--set", "driver.name=bench")
     assert document["tau_d"] == pytest.approx(hapticd(installed, "check")["tau_d"] + 250e-6 * 1000)
-    assert "servo.rate_hz is 1000 Hz, but driver bench ends near 800 Hz" in document["warnings"]
+    assert "servo.rate_hz is 1000 Hz, but driver bench allows 800 Hz" in document["warnings"]
 
 
 class HardeningSpring(Spring):

@@ -106,7 +106,7 @@ def test_a_session(device: Device, tmp_path: Path) -> None:
 @cites("Host checks version, ranges", "the host refuses a version other than its own")
 def test_a_board_that_is_not_as_configured_is_refused(device: Device, tmp_path: Path) -> None:
     with device.running(tmp_path, "faults: [{kind: wrong_version}]") as board:
-        with pytest.raises(DriverError, match="speaks version 255 of the protocol, this driver version 1"):
+        with pytest.raises(DriverError, match="has version 255 of the protocol, this driver version 1"):
             SerialDacDriver(config(str(board.link))).open()
         for change, said in (
             ({"dac_bits": 10}, f"dac_bits = 10 bits, but the board's DAC has {bits(device)} bits"),

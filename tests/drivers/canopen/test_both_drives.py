@@ -379,7 +379,7 @@ def test_a_second_producer_of_sync_before_the_start(start: Start) -> None:
         thread = threading.Thread(target=produce)
         thread.start()
         try:
-            assert "another master is on the bus: SYNC (0x080) was heard" in rig.refusal()
+            assert "another master is on the bus: SYNC (0x080) was received" in rig.refusal()
         finally:
             ended.set()
             thread.join()

@@ -109,7 +109,7 @@ def test_without_a_demand_nothing_is_read_back(bench: Bench, options: dict[str, 
     fake, open_driver = bench
     drive = fake(**lies)
     driver = open_driver(options)
-    assert "a step, not read back (" in driver.describe()
+    assert "per step, not read back (" in driver.describe()
     assert drive.value(0x1801, 1) & 0x80000000
 
 
@@ -128,7 +128,7 @@ def test_programmed_current_where_there_is_no_cyclic_torque(bench: Bench) -> Non
     driver = open_driver()
     assert drive.value(0x2300) == 1
     assert drive.value(0x1600, 2) == 0x23400010
-    assert "programmed current, 10 mA a step" in driver.describe()
+    assert "programmed current, 10 mA per step" in driver.describe()
 
 
 def test_a_standing_fault_is_reset_by_one_edge(bench: Bench) -> None:
@@ -219,7 +219,7 @@ REFUSALS: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     (
         {"overrides": {(0x6041, 0): 0x0218}, "stuck": True},
         {},
-        "Fault → Switch on disabled: statusword 0x0218, waited 0.5 s; the cause of the fault is still there",
+        "Fault → Switch on disabled: statusword 0x0218, waited 0.5 s; the cause of the fault is still present",
     ),
     ({"node_id": 5}, {}, "node 1 does not reply, but there is node 5: set driver.node_id = 5"),
     ({"mute": True}, {}, "node 1 does not reply, and no other node does: check the drive's supply, the wiring"),
@@ -231,7 +231,7 @@ REFUSALS: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     (
         {"sends_first": [can.Message(arbitration_id=0x601, is_extended_id=False, data=bytes(8))]},
         {},
-        "another master is on the bus: an SDO request to node 1 (0x601) was heard",
+        "another master is on the bus: an SDO request to node 1 (0x601) was received",
     ),
 ]
 
@@ -293,7 +293,7 @@ IMPLAUSIBLE: list[tuple[dict[str, Any], dict[str, Any], dict[str, Any], tuple[st
         {"overrides": {(0x6076, 0): 58400, (0x6075, 0): 2_000_000}},
         {},
         {},
-        ("rated current 0x6075 = 2000000 mA is a rated current of 2e+03 A, 1e+03 times", "counts in µA"),
+        ("rated current 0x6075 = 2000000 mA is a rated current of 2e+03 A, 1e+03 times", "unit is most likely µA"),
     ),
     (
         {"overrides": {(0x6075, 0): 2}, "aborts": {(0x6076, 0): 0x06020000}},
@@ -382,7 +382,7 @@ def test_a_stated_rated_torque_goes_before_the_drives_number(bench: Bench, raw: 
     fake, open_driver = bench
     fake(**ONLY_TORQUE, overrides={(0x6076, 0): raw})
     driver = open_driver({"rated_torque": 0.0584})
-    assert "cyclic synchronous torque, 2 mA a step" in driver.describe()
+    assert "cyclic synchronous torque, 2 mA per step" in driver.describe()
 
 
 def edited_eds(tmp_path: Path, old: str, new: str) -> Path:
@@ -399,7 +399,7 @@ EDS_REFUSALS = [
     (
         "VendorNumber=0",
         "VendorNumber=0xAC",
-        "vendor-ID: the EDS edited.eds is for 0x000000ac, the drive says 0x000000ab",
+        "vendor-ID: the EDS edited.eds is for 0x000000ac, the drive has 0x000000ab",
     ),
     (
         "ParameterName=Actual motor current\nObjectType=0x7\nDataType=0x0003",

@@ -160,7 +160,7 @@ def test_both_watchdogs(served: Served) -> None:
 
 def test_a_drive_that_makes_sync_itself(served: Served) -> None:
     served.start(override={"0x1005": 0x40000080, "0x1006": 5000})
-    assert "SYNC (0x080) was heard" in (said := served.refusal())
+    assert "SYNC (0x080) was received" in (said := served.refusal())
     assert said.endswith("or switch off its SYNC production (0x1005, bit 30)")
 
 

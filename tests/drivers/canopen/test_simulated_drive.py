@@ -171,7 +171,7 @@ def test_programmed_current(tmp_path: Path) -> None:
         simulated_drive("--socket", socket, "--no-cst"),
         opened(config(1000, interface="unix_seqpacket", channel=socket)) as driver,
     ):
-        assert "programmed current, 10 mA a step" in driver.describe()
+        assert "programmed current, 10 mA per step" in driver.describe()
         _, rows = run(driver, 1.0)
         assert np.nanmax(np.abs(rows["current_measured_A"])) > 0.02
         assert rows["encoder_counts"][-1] > 0
