@@ -71,7 +71,7 @@ def _interface(config: Config, loop: Loop) -> Iterator[str]:
                 f"friction must hold {loop.numbers.quantum:.3g} ticks"
             )
     if config.dither.target != "none":
-        yield f"dither is on: Coulomb friction must then hold {loop.numbers.quantum:.3g} ticks of force instead of ½"
+        yield f"dither is on: Coulomb friction must hold {loop.numbers.quantum:.3g} ticks of force instead of ½"
 
 
 def _theory(loop: Loop) -> Iterator[str]:

@@ -68,7 +68,7 @@ def test_the_config_knows_its_parameters() -> None:
         ("absent", "ModuleNotFoundError: No module named 'no_such_module'"),
         ("number", "is not a hapticd.effects.Effect but int"),
         ("misnamed", "the effect's slug is drying_grease"),
-        ("nameless_relation", "it names nobody, which the catalogue does not have"),
+        ("nameless_relation", "it refers to nobody, which the catalogue does not have"),
         ("lawless", "it has neither a force nor a friction"),
         ("misplaced", "acts_on is 'input'; an effect of another package must have a force or a friction"),
         ("short", "friction must take 3 numbers and the 3 of its parameters"),

@@ -201,7 +201,7 @@ def flat(found: Assessment) -> str:
 
 
 def test_a_velocity_and_a_deflection_exclude_each_other() -> None:
-    with pytest.raises(ValueError, match="not with both"):
+    with pytest.raises(ValueError, match="not both"):
         assess(make({}), velocity=1.0, deflection=1.0)
 
 
