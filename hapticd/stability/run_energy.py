@@ -131,7 +131,7 @@ def run_energy(run: Run, config: Config | None = None) -> RunEnergy:
     if stored:
         config = parse_config(stored, f"config of {run.path.name}")
     if config is None:
-        raise RunFileError(f"{run.path} contains no config, so there is no model for its energies; give one")
+        raise RunFileError(f"{run.path} carries no config, so there is no model for its energies; give one")
     rows = rows_of(run, config)
     if rows.size == 0:
         raise RunFileError(f"{run.path} has no rows")

@@ -224,7 +224,7 @@ def test_a_foreign_file_needs_a_config(tmp_path: Path) -> None:
     lines = [f"{t:.9g},{x:.12g},{f:.12g}" for t, x, f in zip(rows["time_s"], position, force, strict=True)]
     path = tmp_path / "foreign.csv"
     path.write_text("\n".join(["time_s,position,force", *lines]))
-    with pytest.raises(RunFileError, match="contains no config"):
+    with pytest.raises(RunFileError, match="carries no config"):
         run_energy(read_run(path))
     estimate = EnergyEstimate(config)
     estimate.update(rows)
