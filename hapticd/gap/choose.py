@@ -125,7 +125,7 @@ class Search:
         self.balance, self.is_held, self.is_asked = balance or Balanced({}), False, is_asked
         self.needed = needed_errors(problem.series.blocks, len(slugs))
         self.least = 0.5 * self.needed**2
-        self._was_free = False
+        self._tried_free: set[frozenset[str]] = set()
         self._seen: set[frozenset[str]] = set()
         self._rivals: dict[str, set[str]] = {}
         self._noise: dict[str, Floats] = {}
@@ -158,6 +158,10 @@ class Search:
         present, is_free = self._first()
         yield Round("begin", "", present)
         while True:
+            freed = None if is_free else self._freed(present)
+            if freed is not None:
+                present, is_free = freed, True
+                yield Round("begin", "", present)
             added = self._added(present, is_free=is_free)
             if added is not None:
                 if late_record.is_late(added.chosen.fit.terms[-1]):
@@ -165,13 +169,6 @@ class Search:
                     present, is_free = self._first()
                     yield Round("begin", late_record.SLUG, present)
                     continue
-                if added.law in _CORRECTIONS and not (is_free or self._was_free):
-                    # One wrong parameter, or a common factor: compared with all base parameters free.
-                    self._was_free, freed = True, self._with_base(present)
-                    if is_better(freed, added.chosen, self.needed).is_better:
-                        present, is_free = freed, True
-                        yield Round("begin", "", present)
-                        continue
                 yield added
                 present = added.chosen
                 for change in self._revised(present, 1, is_free=is_free):
@@ -182,7 +179,7 @@ class Search:
                     continue
             if not is_free:
                 return
-            is_free, before, self._was_free = False, present, True
+            is_free, before = False, present
             self._seen.clear()
             for change in self._in_prior(present):
                 yield change
@@ -231,6 +228,7 @@ class Search:
     def _first(self) -> tuple[LawSet, bool]:
         """The first set, and whether its base parameters are free."""
         base = self._base
+        self._tried_free.add(frozenset())
         if not base or is_at_noise_level(self.given.fit):
             return self.given, False
         said = self.balance.values
@@ -281,15 +279,14 @@ class Search:
             fit = fit.replaced(known[0], law) if known else fit.extended(law)
         return scored(fit.maximise(), present.penalty)
 
-    def _is_not_base(self, one: LawSet, reduced: LawSet) -> bool:
-        """Whether the newest law also gains with free base parameters, whose small errors may have the same signature."""
-        law = one.laws[-1]
-        alike = {law, *CATALOGUE[law].near}
-        if law in _CORRECTIONS or alike.isdisjoint(
-            other for slug in self._base for other in (slug, *CATALOGUE[slug].near)
-        ):
-            return True
-        return is_better(self._with_base(one), self._with_base(reduced), self.needed).is_better
+    def _freed(self, present: LawSet) -> LawSet | None:
+        """The set with all base parameters free, if that gains; asked once for each set of other laws."""
+        others = frozenset(present.laws).difference(BASE_WORDS)
+        if others in self._tried_free or _FACTOR in others or not self._base or is_at_noise_level(present.fit):
+            return None
+        self._tried_free.add(others)
+        freed = self._with_base(present)
+        return freed if self._unsure(present) or evidence(freed, present)[0] >= self.least else None
 
     def _take_late(self, fit: Fit) -> None:
         """Include a late record in every further fit, and restart the search."""
@@ -301,13 +298,14 @@ class Search:
         self.balance = Balanced({**self.balance.values, **{slug: math.exp(u) for slug, u in base.items()}})
         self.known = (*self.known, late_record.record_term(law))
         self._seen.clear()
+        self._tried_free.clear()
         self._others.clear()
         self._likeliest.clear()
         del self.given
 
     def _admissible(self, present: LawSet) -> list[str]:
         """Laws that may be added to a set: not in it, not equivalent to one in it, not excluded by one."""
-        laws = set(present.laws)
+        laws = {*present.laws, *self._unsure(present)}
         laws |= {
             other for slug in present.laws for other in (*CATALOGUE[slug].equivalent_to, *CATALOGUE[slug].excludes)
         }
@@ -329,10 +327,7 @@ class Search:
         ):  # a grip has six numbers: it is asked about where nothing simpler explains what is missing
             sets.sort(key=lambda one: one.laws[-1] == grip.SLUG)
 
-        def is_named(one: LawSet) -> bool:
-            return is_better(one, present, self.needed).is_better and (is_free or self._is_not_base(one, present))
-
-        best = next(filter(is_named, sets), None)
+        best = next((one for one in sets if is_better(one, present, self.needed).is_better), None)
         best = best or next((one for one in sets if self._is_fault(one, present)), None)
         if best is None:
             return None
@@ -384,23 +379,21 @@ class Search:
                 yield Round("drop", law, reduced, present, comparison)
                 present, number = reduced, len(reduced.laws) - 2
                 continue
-            swapped = self._swapped(present, reduced, law, is_free=is_free)
+            swapped = self._swapped(present, reduced, law)
             if swapped is not None:
                 yield swapped
                 present, number = swapped.chosen, len(swapped.chosen.laws) - 2
                 continue
             number -= 1
 
-    def _swapped(self, present: LawSet, reduced: LawSet, law: str, *, is_free: bool) -> Round | None:
+    def _swapped(self, present: LawSet, reduced: LawSet, law: str) -> Round | None:
         """The set with one law replaced by another, if that is better."""
         for other in self._in_place(present, reduced, law):
             if frozenset(other.laws) in self._seen or not is_better(other, present, self.needed).is_better:
                 continue
             top = finished(other)
             comparison = is_better(top, present, self.needed)
-            is_as_close = self._closes_as_much(top, present)
-            is_closer = is_as_close and keeps_the_drive(top.fit, present.fit)
-            is_closer = is_closer and (is_free or self._is_not_base(top, reduced))
+            is_closer = self._closes_as_much(top, present) and keeps_the_drive(top.fit, present.fit)
             if comparison.is_better and is_closer and is_better(top, reduced, self.needed).is_better:
                 self._rivals.setdefault(top.laws[-1], set()).add(law)
                 self._noise[top.laws[-1]] = reduced.fit.noise
@@ -447,7 +440,7 @@ class Search:
                     bare = self._less(bare, slug)
                 bare = scored(self._likelier(bare.fit, self.given.fit.noise).maximise(), bare.penalty)
                 comparison = is_better(present, bare, self.needed)
-                if not comparison.is_better:
+                if not comparison.is_better and comparison.gain < self.least:
                     yield Round("drop", members[0], bare, present, comparison)
                     return
             reduced = [self.without(present, slug) for slug in members]
@@ -460,11 +453,21 @@ class Search:
             if not dropped:
                 break
             k = min(dropped, key=lambda k: asked[k].gain)
-            yield Round("drop", members[k], reduced[k], present, asked[k])
-            present = reduced[k]
-        fewer = self._by_a_factor(present)
-        if fewer is not None:
-            yield fewer
+            fewer = reduced[k] if asked[k].gain < self.least else self._as_unsure(present, members[k])
+            yield Round("drop", members[k], fewer, present, asked[k])
+            present = fewer
+        by_a_factor = self._by_a_factor(present)
+        if by_a_factor is not None:
+            yield by_a_factor
+
+    def _unsure(self, present: LawSet) -> list[str]:
+        """Base parameters that are free in a set, but not named: they gain, without sufficient evidence for a name."""
+        own = [item.slug for item in present.fit.terms if item not in self.known]
+        return [slug for slug, name in BASE_WORDS.items() if name in own]
+
+    def _as_unsure(self, present: LawSet, slug: str) -> LawSet:
+        """The set with a base parameter that is free, but not named."""
+        return LawSet(present.fit.renamed(slug, BASE_WORDS[slug]), present.held_out, present.penalty)
 
     def _by_a_factor(self, present: LawSet) -> Round | None:
         """The set with the torque constant instead of base parameters that are wrong by a common factor, if as good."""

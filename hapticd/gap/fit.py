@@ -7,6 +7,7 @@ differences of the filter.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -299,6 +300,12 @@ class Fit:
         own = self.columns(number)
         terms = (*self.terms[:number], item, *self.terms[number + 1 :])
         return Fit(self.problem, terms, np.concatenate([self.u[: own.start], item.start, self.u[own.stop :]]))
+
+    def renamed(self, slug: str, other: str) -> Fit:
+        """This hypothesis with another slug for a term."""
+        fit = copy(self)
+        fit.terms = tuple(replace(item, slug=other) if item.slug == slug else item for item in self.terms)
+        return fit
 
     def at(self, u: Floats) -> Fit:
         """The same hypothesis at other coordinates."""
