@@ -40,6 +40,8 @@ _CORRECTIONS = frozenset((*BASE_WORDS, _FACTOR))
 """Errors of the coefficients of eq. 1. A common factor of all four changes nothing, so three of them are enough."""
 _KNOWN = 0.01
 """Relative accuracy of any base parameter: a smaller deviation is not named where it hardly changes the missing force."""
+_MAXIMISED = 2.0 * constants.INDISTINGUISHABLE
+"""Standard errors behind the chosen set, up to which a set is maximised before it is compared."""
 _FAR_BEHIND = 12.0
 """Standard errors behind another set, from which a set is not tried any more."""
 
@@ -100,6 +102,14 @@ def _is_near_given(base: Term) -> bool:
 def _is_near(one: LawSet, best: LawSet) -> bool:
     """Whether a set may still become as good as the best: it has no late record, and is not far behind."""
     return not late_record.is_late(one.fit.terms[-1]) and evidence(best, one)[1] < _FAR_BEHIND
+
+
+def _least_behind(one: LawSet, chosen: LawSet) -> float:
+    """Standard errors that a set is behind another, with a fast or with a slow disturbance: the smaller of the two."""
+    behind = -evidence(one, chosen)[1]
+    if behind < constants.INDISTINGUISHABLE:
+        return behind
+    return min(behind, -evidence(one.with_slow_disturbance, chosen.with_slow_disturbance)[1])
 
 
 class Search:
@@ -202,8 +212,7 @@ class Search:
         for slug in chosen.laws:
             reduced = self.without(chosen, slug)
             rivals = self._in_place(chosen, reduced, slug)
-            far = -2.0 * constants.INDISTINGUISHABLE
-            near = [one for one in rivals if evidence(one, chosen)[1] > far and self._closes_as_much(one, chosen)]
+            near = [one for one in rivals if self._closes_as_much(one, chosen) and _least_behind(one, chosen) < _MAXIMISED]
             maximised = {id(one): finished(one) for one in near}
             rivals = sorted((maximised.get(id(one), one) for one in rivals), key=lambda one: -one.total)
             ties = [one for one in rivals if self._is_tied(one, chosen, reduced)]
@@ -214,12 +223,13 @@ class Search:
     def _is_tied(self, one: LawSet, chosen: LawSet, reduced: LawSet) -> bool:
         """Whether a set with another law is tied: better than the set with neither law, and near the chosen set."""
         law = next(slug for slug in chosen.laws if slug not in reduced.laws)
-        gain, errors = evidence(one, chosen)
-        is_beaten = gain < -self.least and is_at_noise_level(chosen.fit) and not is_at_noise_level(one.fit)
+        is_worse = evidence(one, chosen)[0] < -self.least
+        is_beaten = is_worse and is_at_noise_level(chosen.fit) and not is_at_noise_level(one.fit)
         is_limit = law in CATALOGUE[one.laws[-1]].contains and chosen.numbers < one.numbers
-        if is_limit or is_beaten or errors < -constants.INDISTINGUISHABLE:
+        if is_limit or is_beaten or not self._closes_as_much(one, chosen):
             return False  # a law is never worse than its own limit
-        return self._closes_as_much(one, chosen) and is_better(one, reduced, self.needed).is_better
+        is_near = _least_behind(one, chosen) < constants.INDISTINGUISHABLE
+        return is_near and is_better(one, reduced, self.needed).is_better
 
     def _closes_as_much(self, one: LawSet, other: LawSet) -> bool:
         """Whether one set leaves as little missing force as another, up to a negligible share."""
