@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,8 +74,8 @@ class Rig:
         self.results: dict[str, Result] = {}
         self.seconds = 0.0
         """How long the device has been used."""
-        self.failed_exchanges = 0
-        """With the device; a driver that cannot be opened and a daemon that does not come up count as one."""
+        self.missed = 0
+        """Failed exchanges and missed periods; a driver that cannot be opened counts as one, as a daemon that does not start."""
         self._witness: Witness | None = None
         self._daemon: DaemonProcess | None = None
         self._wanted = config
@@ -137,9 +137,9 @@ class Rig:
                     yield opened
                 finally:
                     self.seconds += opened.seconds
-                    self.failed_exchanges += opened.failed
+                    self.missed += opened.failed
         except DriverError:
-            self.failed_exchanges += 1
+            self.missed += 1
             raise
 
     @contextmanager
@@ -163,7 +163,7 @@ class Rig:
             try:
                 self._daemon.wait_ready()
             except HilError:
-                self.failed_exchanges += 1
+                self.missed += 1
                 raise
         begun = time.monotonic()
         daemon = self._daemon
@@ -175,7 +175,7 @@ class Rig:
         finally:
             self.seconds += time.monotonic() - begun
             if daemon.running:
-                self.failed_exchanges += daemon.client.stop()["exchanges_missed"] - before["exchanges_missed"]
+                self.missed += _missed(daemon.client.stop()) - _missed(before)
 
     def late_s(self, begin_ns: int) -> float:
         """The most that ordinary threads of this machine waited since then, s; 0 where nothing depended on them."""
@@ -198,3 +198,8 @@ class Rig:
     def document(self, step: str) -> dict[str, Any]:
         """Figures of an earlier step."""
         return dict(self.results[step].figures)
+
+
+def _missed(status: Mapping[str, Any]) -> int:
+    """Failed exchanges and missed periods since the daemon's start."""
+    return int(status["exchanges_missed"]) + int(status["timing"]["missed"])

@@ -125,15 +125,15 @@ def _one(rig: Rig, step: Step) -> Result:
     if step.moves and not rig.operator.agrees(f"{step.title}: go on?"):
         return skipped("you said no")
     for _ in range(ATTEMPTS):
-        begun_ns, failed = time.monotonic_ns(), rig.failed_exchanges
+        begun_ns, missed = time.monotonic_ns(), rig.missed
         result, disturbance = _tried(rig, step)
-        if not disturbance and result.result == "fail" and not result.dangerous and rig.failed_exchanges > failed:
+        if not disturbance and result.result == "fail" and not result.dangerous and rig.missed > missed:
             late_s = rig.late_s(begun_ns)
             if late_s > LATE_S:
                 disturbance = (
-                    f"{result.finding}; {rig.failed_exchanges - failed} exchanges failed, and programs waited for "
+                    f"{result.finding}; {rig.missed - missed} exchanges failed or periods were missed, and programs "
+                    f"waited for {1e3 * late_s:.0f} ms"
                 )
-                disturbance += f"{1e3 * late_s:.0f} ms"
         if not disturbance:
             return result
     return replace(
