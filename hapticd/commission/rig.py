@@ -75,7 +75,7 @@ class Rig:
         self.seconds = 0.0
         """How long the device has been used."""
         self.missed = 0
-        """Failed exchanges and missed periods; a driver that cannot be opened counts as one, as a daemon that does not start."""
+        """Failed exchanges and missed periods; one for a driver or a daemon that cannot be started."""
         self._witness: Witness | None = None
         self._daemon: DaemonProcess | None = None
         self._wanted = config

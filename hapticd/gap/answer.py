@@ -24,7 +24,7 @@ from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
 from hapticd.gap.terms import BASE_WORDS, Coordinate, Term, parameters_of_term, whole_turns
 from hapticd.gap.validation import validate
 from hapticd.gap.verdict import decide, doubts_about
-from hapticd.plant.layout import NAMES
+from hapticd.plant.layout import NAMES, index_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -98,6 +98,7 @@ def answer(
         *late["warnings"],
         *_relative_to(assumed_friction, effects, model.is_linear),
         *([_held(search, model.is_linear)] if search.is_held else []),
+        *_unsure(search.unsure(chosen), last.fit, model),
     ]
     timing = {**timing, **late, "warnings": warnings}
     doubts = [*doubts_about(at_bounds, unnamed), *at_the_end(last.fit, half, is_held=search.is_held)]
@@ -147,6 +148,19 @@ def _held(search: Search, is_linear: bool) -> str:
         f"inertia: kept {between}, the range that least squares on the balance of forces gives. Another inertia predicts "
         "better one step ahead, but leaves more force missing. Record a faster motion to decide"
     )
+
+
+def _unsure(slugs: Sequence[str], fit: Fit, model: Config) -> list[str]:
+    """Warning: base parameters that are free in the fit and not named."""
+    found = []
+    for slug in slugs:
+        name = BASE_WORDS[slug]
+        value, unit = float(fit.device()[index_of(name)]), unit_of(f"plant.{name}", model.is_linear)
+        found.append(f"{name} {value:.4g} instead of {getattr(model.plant, name):.4g} {unit}")
+    if not found:
+        return []
+    values = ", ".join(found)
+    return [f"the data are likelier with {values}. It is in the fit, but not sure: the improved model does not have it"]
 
 
 def path(search: Search, chosen: LawSet, named: Sequence[Named]) -> list[LawSet]:

@@ -212,7 +212,9 @@ class Search:
         for slug in chosen.laws:
             reduced = self.without(chosen, slug)
             rivals = self._in_place(chosen, reduced, slug)
-            near = [one for one in rivals if self._closes_as_much(one, chosen) and _least_behind(one, chosen) < _MAXIMISED]
+            near = [
+                one for one in rivals if self._closes_as_much(one, chosen) and _least_behind(one, chosen) < _MAXIMISED
+            ]
             maximised = {id(one): finished(one) for one in near}
             rivals = sorted((maximised.get(id(one), one) for one in rivals), key=lambda one: -one.total)
             ties = [one for one in rivals if self._is_tied(one, chosen, reduced)]
@@ -296,7 +298,7 @@ class Search:
             return None
         self._tried_free.add(others)
         freed = self._with_base(present)
-        return freed if self._unsure(present) or evidence(freed, present)[0] >= self.least else None
+        return freed if self.unsure(present) or evidence(freed, present)[0] >= self.least else None
 
     def _take_late(self, fit: Fit) -> None:
         """Include a late record in every further fit, and restart the search."""
@@ -315,7 +317,7 @@ class Search:
 
     def _admissible(self, present: LawSet) -> list[str]:
         """Laws that may be added to a set: not in it, not equivalent to one in it, not excluded by one."""
-        laws = {*present.laws, *self._unsure(present)}
+        laws = {*present.laws, *self.unsure(present)}
         laws |= {
             other for slug in present.laws for other in (*CATALOGUE[slug].equivalent_to, *CATALOGUE[slug].excludes)
         }
@@ -470,7 +472,7 @@ class Search:
         if by_a_factor is not None:
             yield by_a_factor
 
-    def _unsure(self, present: LawSet) -> list[str]:
+    def unsure(self, present: LawSet) -> list[str]:
         """Base parameters that are free in a set, but not named: they gain, without sufficient evidence for a name."""
         own = [item.slug for item in present.fit.terms if item not in self.known]
         return [slug for slug, name in BASE_WORDS.items() if name in own]
