@@ -53,10 +53,10 @@ def known(files: Files, effects: Sequence[dict[str, Any]]) -> tuple[list[Known],
     """How well each hidden effect of a case shows, and the standard errors that a name needs."""
     from hapticd.effects.catalogue import EFFECT_SLUGS
     from hapticd.gap.base_model import problem_of
-    from hapticd.gap.choose import needed_errors
     from hapticd.gap.law_set import LawSet, evidence, scored
     from hapticd.gap.missing import missing_power
     from hapticd.gap.nominal import nominal_fit
+    from hapticd.gap.sets import needed_errors
     from hapticd.gap.terms import term
 
     with tempfile.TemporaryDirectory(prefix="gap-") as folder:

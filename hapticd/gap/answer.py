@@ -97,11 +97,11 @@ def answer(
         *timing["warnings"],
         *late["warnings"],
         *_relative_to(assumed_friction, effects, model.is_linear),
-        *([_held(search, model.is_linear)] if search.is_held else []),
-        *_unsure(search.unsure(chosen), last.fit, model),
+        *([_held(search, model.is_linear)] if search.base.is_held else []),
+        *_unsure(search.base.unsure(chosen), last.fit, model),
     ]
     timing = {**timing, **late, "warnings": warnings}
-    doubts = [*doubts_about(at_bounds, unnamed), *at_the_end(last.fit, half, is_held=search.is_held)]
+    doubts = [*doubts_about(at_bounds, unnamed), *at_the_end(last.fit, half, is_held=search.base.is_held)]
     ties = [step.indistinguishable_from for step in steps]
     own = [CATALOGUE[step.effect].equivalent_to for step in steps]
     untied = [tuple(slug for slug in tied if slug not in same) for tied, same in zip(ties, own, strict=True)]
@@ -128,7 +128,7 @@ def answer(
             "blocks": series.blocks,
             "candidates": list(search.slugs),
             "noise": dict(zip(NOISE, (float(value) for value in noise), strict=True)),
-            "needed_standard_errors": search.needed,
+            "needed_standard_errors": search.sets.needed,
             "explainable_share": min(possible / power[0], 1.0) if power[0] > 0.0 else 0.0,
             "at_bounds": at_bounds,
             "predicted_better_by": dict(unnamed),
@@ -142,7 +142,7 @@ def answer(
 
 def _held(search: Search, is_linear: bool) -> str:
     """Warning: the inertia was kept in the range that the balance of forces gives."""
-    unit, held = unit_of("plant.inertia", is_linear), search.balance.inertia
+    unit, held = unit_of("plant.inertia", is_linear), search.base.balance.inertia
     between = f"between {held.low:.3g} and {held.high:.3g} {unit}" if held else ""
     return (
         f"inertia: kept {between}, the range that least squares on the balance of forces gives. Another inertia predicts "
@@ -167,8 +167,8 @@ def path(search: Search, chosen: LawSet, named: Sequence[Named]) -> list[LawSet]
     """The model as given, then with one more law of the set each."""
     sets = [chosen]
     for one in reversed(named[1:]):
-        sets.insert(0, search.without(sets[0], one.law))
-    return [search.given, *sets] if named else [search.given]
+        sets.insert(0, search.sets.without(sets[0], one.law))
+    return [search.sets.given, *sets] if named else [search.sets.given]
 
 
 def _at_bounds(laws: LawSet, slug: str, half: Floats, edges: Mapping[int, tuple[float, float]]) -> list[str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -133,6 +133,26 @@ class Comparison:
     gain: float
     errors: float
     left: float
+
+
+@dataclass(frozen=True)
+class Round:
+    """One move of the search.
+
+    Attributes:
+        move: begin, add, drop or swap. law: the law that is added, dropped or replaced.
+        chosen: the set after the move. other: the set it was compared with; None for the first.
+        comparison: why. rivals: sets with another law instead, the best first.
+        function: coordinate of the unnamed function that replaced the law in a swap; empty for none.
+    """
+
+    move: Literal["begin", "add", "drop", "swap"]
+    law: str
+    chosen: LawSet
+    other: LawSet | None = None
+    comparison: Comparison | None = None
+    rivals: tuple[LawSet, ...] = ()
+    function: str = ""
 
 
 def is_better(one: LawSet, other: LawSet, needed: float) -> Comparison:

@@ -63,7 +63,7 @@ def find_gap(
     if refit_base:
         slugs += [slug for slug in BASE_WORDS if slug not in slugs]
     search = Search(problem, slugs, known_terms(problem, model), balanced(recordings, model), is_asked=is_asked)
-    chosen, unnamed, interrupted = search.given, dict[str, str](), False
+    chosen, unnamed, interrupted = search.sets.given, dict[str, str](), False
     try:
         for number, each in enumerate(search.rounds()):
             progress(min(0.8, number / (3.0 * constants.MOST_EFFECTS)), "trying effects")

@@ -18,12 +18,13 @@ from hapticd.effects.spec import Scale
 from hapticd.gap import constants, find_gap
 from hapticd.gap.base_model import base_law, problem_of
 from hapticd.gap.candidates import both_signs, candidates, scale_of
-from hapticd.gap.choose import Search, needed_errors
+from hapticd.gap.choose import Search
 from hapticd.gap.kernel.ticks import WHITE
 from hapticd.gap.law_set import LawSet, evidence, is_at_noise_level, is_better, scored
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.propose import extensions, finished
 from hapticd.gap.score import Score
+from hapticd.gap.sets import needed_errors
 from hapticd.gap.terms import term
 
 SECONDS = 6.0
@@ -169,9 +170,9 @@ def test_rounds_end_when_nothing_is_left(biased: LawSet) -> None:
 
 def test_a_set_of_laws_is_fitted_once(biased: LawSet, corrected: LawSet) -> None:
     search = Search(biased.fit.problem, ["constant_bias"])
-    first = search.without(corrected, "constant_bias")
+    first = search.sets.without(corrected, "constant_bias")
     runs = len(biased.fit.problem.runs)
-    assert search.without(corrected, "constant_bias") is first
+    assert search.sets.without(corrected, "constant_bias") is first
     assert len(biased.fit.problem.runs) - runs <= 3  # where it begins, and no ascent
 
 
