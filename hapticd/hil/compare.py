@@ -150,23 +150,9 @@ def possible(config: Config) -> list[tuple[Config, float]]:
     return [(plants[n % len(plants)], float(start)) for n, start in enumerate(starts)]
 
 
-def rest_range(
-    config: Config, duration_s: float, deflection: float, times: NDArray[np.int64] | None = None
-) -> tuple[float, float]:
-    """Where the simulation comes to rest, coarse ticks, for all that is not known of a run on hardware.
-
-    Here the delay, by a fifth: a long release amplifies it into a good part of the band in which stiction holds the shaft.
-
-    Args:
-        deflection: in the middle of its raw count.
-    """
-    latency_s = declared_latency(config)[0]
-    ends = []
-    for factor in (0.8, 0.9, 1.0, 1.1, 1.2):
-        trial = _with_latency(config, factor * latency_s)
-        trace, _ = simulated_trace(trial, duration_s, deflection, times=times)
-        ends.append(float(trace.ticks[-1]))
-    return min(ends), max(ends)
+def rest_torque(trace: Trace, config: Config) -> float:
+    """Torque or force of the motor at the end of a trace, N m or N: its mean over the last tenth, for a dither goes on."""
+    return config.amplifier.torque_constant * float(np.mean(trace.current[-max(len(trace.current) // 10, 1) :]))
 
 
 def _with_latency(config: Config, latency_s: float) -> Config:

@@ -13,7 +13,7 @@ import numpy as np
 
 from drivers import declared_latency
 from hapticd.client import RequestRefused
-from hapticd.config import Config, apply_settings
+from hapticd.config import Config, apply_settings, unit_of
 from hapticd.config.text import significant
 from hapticd.hil.cases import (
     EXCITATION,
@@ -32,7 +32,7 @@ from hapticd.hil.compare import (
     measured_trace,
     possible,
     recorded_times,
-    rest_range,
+    rest_torque,
     simulated_trace,
 )
 from hapticd.hil.daemon import DaemonProcess
@@ -51,8 +51,8 @@ CURRENT_TOLERANCE: Final = 0.10
 """Largest RMS difference of the current over the first swing, of its RMS."""
 _FEWEST: Final = 4
 """Periods of which an outcome can be told."""
-REST_TOLERANCE_TICKS: Final = 0.1
-"""By how much the place of rest may be outside the range that the simulation gives for an uncertain delay."""
+REST_TOLERANCE: Final = 0.10
+"""By how much more than twice the friction the motor's torques at rest may differ, of that."""
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ def release(daemon: DaemonProcess, case: Case) -> Released:
 def judged(released: Released) -> CaseResult:
     """A release beside its simulations, at the times of its own ticks.
 
-    The outcome must be that of one of them, the current near that of one, and the place of rest within what they give.
+    The outcome must be that of one of them, the current near that of one, and friction must hold the shaft at both rests.
 
     Raises:
         RunFileError: the recording is gone, or lacks rows.
@@ -230,10 +230,10 @@ def judged(released: Released) -> CaseResult:
     ]
     comparison = min((compare(measured, trace) for trace, _ in simulated), key=lambda each: each.current_rms_error)
     # The recording goes on for some periods after the release's time, and so does a motion that has not ended by then.
-    outcome, end = result["outcome"], None
+    outcome, rests = result["outcome"], False
     if not result.get("fault") and len(measured.ticks) >= _FEWEST:
         outcome, _, rests = shown_outcome(measured.ticks[:count], measured.time_s[:count])
-        end = float(measured.ticks[:count][-1]) if rests else None
+    unit = unit_of("plant.coulomb", config.is_linear)
     shown = [shown_outcome(trace.ticks, trace.time_s) for trace, _ in simulated]
     expected = {
         str(report["outcome"]) if report["fault"] else seen
@@ -253,13 +253,19 @@ def judged(released: Released) -> CaseResult:
     problems = _trace_problems(comparison)
     if outcome not in expected:
         problems.append(f"outcome {outcome}, simulated {found['simulated_outcome']}")
-    ends = [float(trace.ticks[-1]) for (*_, rests), (trace, _) in zip(shown, simulated, strict=True) if rests]
-    if end is not None and ends:
-        ends += rest_range(config, case.duration_s, achieved + 0.5 / case.decimation, times)
-        low, high = min(ends), max(ends)
-        found["simulated_rest_range_ticks"] = [low, high]
-        if not low - REST_TOLERANCE_TICKS <= end <= high + REST_TOLERANCE_TICKS:
-            problems.append(f"came to rest at {end:.3g}, simulated {low:.3g} to {high:.3g} ticks")
+    torques = [
+        rest_torque(trace, config) for (*_, at_rest), (trace, _) in zip(shown, simulated, strict=True) if at_rest
+    ]
+    if rests and torques:
+        # Friction holds a shaft wherever less than it acts; where in this band a motion ends depends on its last swings.
+        found["rest_torque"] = rest_torque(measured, config)
+        nearest = min(torques, key=lambda torque: abs(torque - found["rest_torque"]))
+        friction = max(plant.plant.coulomb for plant, _ in possible(config))
+        if abs(nearest - found["rest_torque"]) > 2.0 * (1.0 + REST_TOLERANCE) * friction:
+            problems.append(
+                f"at rest with a torque of {found['rest_torque']:.3g}, simulated {nearest:.3g} {unit}: a friction of "
+                f"{friction:.3g} {unit} does not hold the shaft at both"
+            )
     if problems and tries["disturbances"]:
         problems.append(f"this machine disturbed each of {tries['attempts']} tries")
     return CaseResult(case.name, f"release at {case.deflection:g} ticks", comparison, found, tuple(problems))
