@@ -83,6 +83,7 @@ class Search:
         self.base = FreeBase(self.sets, list(slugs), balance or Balanced({}))
         self.slugs, self.is_asked = tuple(slugs), is_asked
         self._seen: set[frozenset[str]] = set()
+        self._with_unsure: list[LawSet] = []
         self._rivals: dict[str, set[str]] = {}
         self._others: dict[tuple[str, frozenset[str]], list[LawSet]] = {}
 
@@ -119,17 +120,30 @@ class Search:
                     self._seen.add(frozenset(present.laws))
                     continue
             if not is_free:
-                return
+                break
             is_free, before = False, present
             self._seen.clear()
-            for change in self.base.settled(present):
-                yield change
-                present = change.chosen
-            for change in self._revised(present, 0, is_free=False):
+            for change in self._settled(present):
                 yield change
                 present = change.chosen
             if evidence(before, present)[0] < self.sets.least:
-                return  # the dropped laws explained nothing, so no new law can be needed
+                break  # the dropped laws explained nothing, so no new law can be needed
+        # Laws beside the model's values must predict better than unsure base parameters in their place.
+        for one in self._with_unsure:
+            if not self.sets.is_better(present, one).is_better:
+                present = one
+                yield Round("begin", "", present)
+
+    def _settled(self, present: LawSet) -> Iterator[Round]:
+        """The set with base parameters that are sure, and the others at the model's values; laws no longer needed dropped."""
+        for change in self.base.settled(present):
+            yield change
+            present = change.chosen
+        if self.base.unsure(present):
+            self._with_unsure.append(present)
+            present = self.base.without_unsure(present)
+            yield Round("begin", "", present)
+        yield from self._revised(present, 0, is_free=False)
 
     def settled(self, chosen: LawSet) -> LawSet:
         """The set without the base parameters that are within their prior."""
@@ -193,6 +207,7 @@ class Search:
         self.base.with_late_record(fit)
         self.sets.include(late_record.record_term(law))
         self._seen.clear()
+        self._with_unsure.clear()
         self._others.clear()
 
     def _admissible(self, present: LawSet) -> list[str]:

@@ -141,6 +141,13 @@ class FreeBase:
         own = [item.slug for item in present.fit.terms if item not in self.sets.known]
         return [slug for slug, name in BASE_WORDS.items() if name in own]
 
+    def without_unsure(self, present: LawSet) -> LawSet:
+        """The set with unsure base parameters at the model's values again."""
+        fit = present.fit
+        for slug in self.unsure(present):
+            fit = self.sets.less(LawSet(fit, present.held_out), BASE_WORDS[slug]).fit
+        return scored(likelier(fit, self.sets.given.fit.noise).maximise(), present.penalty)
+
     def stays(self, laws: LawSet, slug: str) -> bool:
         """Whether an inertia is kept in a range that excludes the model's: it is not tested by likelihood."""
         if not (self.is_held and slug == _INERTIA):

@@ -80,7 +80,7 @@ class Sets:
     def less(self, laws: LawSet, slug: str) -> LawSet:
         """The set without a law, at the same coordinates; a base parameter keeps the prior of the model, if there is one."""
         number = laws.number(slug)
-        known = [item for item in self.known if item.slug == BASE_WORDS.get(slug)]
+        known = [item for item in self.known if item.slug in (BASE_WORDS.get(slug), slug)]
         fit = laws.fit.replaced(number, known[0]) if known else laws.fit.without(number)
         return LawSet(fit, laws.held_out, laws.penalty)
 
