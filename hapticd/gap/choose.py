@@ -135,7 +135,7 @@ class Search:
                 yield Round("begin", "", present)
 
     def _settled(self, present: LawSet) -> Iterator[Round]:
-        """The set with base parameters that are sure, and the others at the model's values; laws no longer needed dropped."""
+        """Keep base parameters that are sure, put the others at the model's values, and drop laws that are no longer needed."""
         for change in self.base.settled(present):
             yield change
             present = change.chosen
