@@ -135,7 +135,7 @@ class Search:
                 yield Round("begin", "", present)
 
     def _settled(self, present: LawSet) -> Iterator[Round]:
-        """Keep base parameters that are sure, put the others at the model's values, and drop laws that are no longer needed."""
+        """Keep base parameters that are sure, put the others at the model's values, and drop laws not needed any more."""
         for change in self.base.settled(present):
             yield change
             present = change.chosen
