@@ -128,16 +128,16 @@ def simulated_trace(
     return Trace(rows["time_s"], counts / config.encoder.decimation, rows["current_command_A"]), report
 
 
-def possible(config: Config) -> list[tuple[Config, float]]:
+def possible(config: Config, log2_draws: int = LOG2_DRAWS) -> list[tuple[Config, float]]:
     """What a release may have been: a plant, and where in its raw count the shaft stood, coarse ticks above the count.
 
     The encoder tells no more than the count, and a release that grows or goes on forgets no start. The plant is the config's
-    first, then one of `2**LOG2_DRAWS` that its uncertainty leaves possible.
+    first, then one of `2**log2_draws` that its uncertainty leaves possible.
     """
     plant, declared = config.plant, declared_latency(config)[0]
     plants = [config]
     if plant.uncertainty.is_known:
-        errors = normals(plant.uncertainty, LOG2_DRAWS) * deviations(plant.uncertainty)
+        errors = normals(plant.uncertainty, log2_draws) * deviations(plant.uncertainty)
         for inertia, viscous, coulomb, late_s in errors.tolist():
             drawn = {
                 "inertia": moved(plant.inertia, inertia),
@@ -146,7 +146,7 @@ def possible(config: Config) -> list[tuple[Config, float]]:
             }
             trial = config.model_copy(update={"plant": plant.model_copy(update=drawn)})
             plants.append(_with_latency(trial, max(declared + late_s, 0.0)))
-    starts = np.mod(0.5 + _GOLDEN * np.arange(1 + 2**LOG2_DRAWS), 1.0) / config.encoder.decimation
+    starts = np.mod(0.5 + _GOLDEN * np.arange(1 + 2**log2_draws), 1.0) / config.encoder.decimation
     return [(plants[n % len(plants)], float(start)) for n, start in enumerate(starts)]
 
 
