@@ -7,7 +7,7 @@
     Series     series; base_model.problem_of           Sequence[Recording] → Series, in a Problem
     base fit   balance, base_model, nominal            Problem → Fit → LawSet
     propose    candidates, propose                     LawSet → list[Candidate] → list[LawSet], with a law more each
-    choose     choose, law_set                         LawSet → Iterator[Round]; the last one's set → list[Named]
+    choose     choose, free_base, sets, law_set        LawSet → Iterator[Round]; the last one's set → list[Named]
     judge      answer, missing, remainder, verdict     LawSet, list[Named] → GapResult
     report     report, figures, model_file, outputs    GapResult → report.html, model.yaml, gap.json
 
