@@ -42,6 +42,9 @@ def test_base_parameters_that_are_a_little_wrong_are_no_friction_law(hidden: Cal
     result = find_gap([recording], model, candidates=slugs, design=False)
     assert "torque_ripple" in result.effects
     assert {"stribeck", "quadratic_drag"}.isdisjoint(result.effects), result.statement
+    (unsure,) = (warning for warning in result.recording["warnings"] if "the data are likelier with" in warning)
+    assert "instead of 0.002 N m" in unsure
+    assert "the improved model does not have it" in unsure
 
 
 @pytest.mark.parametrize("times", [1.0 / 15.0, 15.0, 1.0 / 50.0, 50.0])
