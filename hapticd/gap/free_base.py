@@ -120,16 +120,13 @@ class FreeBase:
                     return
             reduced = {slug: self.sets.without(present, slug) for slug in members}
             asked = {slug: self.sets.is_better(present, one) for slug, one in reduced.items()}
-            not_sure = [
-                slug
-                for slug in members
-                if not asked[slug].is_better or self._is_small(present.law(slug), reduced[slug])
-            ]
+            small = [slug for slug in members if self._is_small(present.law(slug), reduced[slug])]
+            not_sure = [slug for slug in members if not asked[slug].is_better or slug in small]
             if not not_sure:
                 break
             least = min(not_sure, key=lambda slug: asked[slug].gain)
-            gains = asked[least].gain >= self.sets.least
-            fewer = self._unnamed(present, least) if gains else reduced[least]
+            is_unsure = least not in small and asked[least].gain >= self.sets.least
+            fewer = self._unnamed(present, least) if is_unsure else reduced[least]
             yield Round("drop", least, fewer, present, asked[least])
             present = fewer
         by_a_factor = self._by_a_factor(present)

@@ -84,3 +84,9 @@ def rows_of(core: ServoCore, ticks: int) -> np.ndarray[Any, Any]:
     """Run that many ticks and take the rows."""
     core.run(real_time=False, ticks=ticks)
     return core.drain()
+
+
+class Slow(Scripted):
+    """A driver with a declared latency; tests load it by its name, as an entry point."""
+
+    latency_s = 0.01
