@@ -145,12 +145,6 @@ class Search:
             yield Round("begin", "", present)
         yield from self._revised(present, 0, is_free=False)
 
-    def settled(self, chosen: LawSet) -> LawSet:
-        """The set without the base parameters that are within their prior."""
-        for change in self.base.settled(chosen):
-            chosen = change.chosen
-        return chosen
-
     def named(self, chosen: LawSet) -> list[Named]:
         """The laws of a set, by descending gain, each with the sets that these data do not distinguish from it."""
         found = []

@@ -140,8 +140,8 @@ class Round:
     """One move of the search.
 
     Attributes:
-        move: begin, add, drop or swap. law: the law that is added, dropped or replaced.
-        chosen: the set after the move. other: the set it was compared with; None for the first.
+        move: add, drop or swap; begin: the search goes on from another set. law: the law that is added, dropped or replaced.
+        chosen: the set after the move. other: the set it was compared with; None where the search begins.
         comparison: why. rivals: sets with another law instead, the best first.
         function: coordinate of the unnamed function that replaced the law in a swap; empty for none.
     """

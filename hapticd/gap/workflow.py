@@ -76,7 +76,8 @@ def find_gap(
         interrupted = True
     progress(0.9, "what is left")
     if interrupted:
-        chosen = search.settled(chosen)
+        for change in search.base.settled(chosen):
+            chosen = change.chosen
     if is_asked:
         not_considered += late_record.not_considered(slugs, search.slugs)
 
