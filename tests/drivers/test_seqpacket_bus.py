@@ -25,7 +25,7 @@ def test_bytes_of_a_frame(frame: str, message: can.Message) -> None:
     assert unpack(bytes.fromhex(frame)).equals(message, timestamp_delta=None)
 
 
-@pytest.mark.parametrize(("frame", "text"), [(b"\0" * 15, "has 15"), (b"\0\0\0\0\x09" + b"\0" * 11, "says 9")])
+@pytest.mark.parametrize(("frame", "text"), [(b"\0" * 15, "has 15"), (b"\0\0\0\0\x09" + b"\0" * 11, "this one has 9")])
 def test_what_is_no_frame_is_refused(frame: bytes, text: str) -> None:
     with pytest.raises(can.CanOperationError, match=text):
         unpack(frame)

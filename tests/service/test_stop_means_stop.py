@@ -211,7 +211,7 @@ def test_of_an_experiment_that_did_not_begin_nothing_is_left_for_the_next_start(
 def test_a_start_begins_within_its_deadline_or_not_at_all(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with served(monkeypatch, tmp_path) as (daemon, client, device):
         past = b"Request-Deadline-Ns: %d\r\n" % (time.monotonic_ns() - 1)
-        assert b"after its deadline; ask again" in answer_to(ask(client.socket_path, START % past))
+        assert b"after its deadline; send it again" in answer_to(ask(client.socket_path, START % past))
         stays_off(daemon, device)
 
 
