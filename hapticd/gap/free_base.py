@@ -36,7 +36,7 @@ class FreeBase:
     """The base parameters of a search.
 
     Attributes:
-        sets: the sets of the search. slugs: base parameters that may be free, and perhaps the torque constant.
+        sets: the sets of the search. slugs: base parameters that may be free.
         balance: their values by least squares. is_held: whether the inertia is kept in the range of that balance, because
             the best prediction leaves more force.
     """
