@@ -25,8 +25,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _SECTIONS = ("hand", "start", "faults")
-_SERIAL = ("position", "counts_offset", "current_gain", "watchdog")
-_START = {"serial": _SERIAL, "canopen": (*_SERIAL, "missing", "override")}
+_BENCH = ("position", "counts_offset", "current_gain")
+_ANY = (*_BENCH, "watchdog")
+_START = {"serial": _ANY, "canopen": (*_ANY, "missing", "override"), "firmware": _BENCH}
+"""What a script may say of a device's start; a binary has the watchdog that it has."""
 _FIRST_OBJECT, _LAST_OBJECT = 0x1000, 0xFFFF
 
 
@@ -66,7 +68,7 @@ def load_script(path: str | Path | None, device: str) -> Script:
 
     Args:
         path: the YAML file; None for an empty script.
-        device: ``serial`` or ``canopen``; a fault of another device is an error.
+        device: ``serial``, ``canopen`` or ``firmware`` (a serial board, too); a fault of another device is an error.
 
     Raises:
         ConfigError: with all problems: unknown section, key or kind (and the nearest valid one), missing key,
@@ -85,13 +87,14 @@ class _Reader:
     """Reads a script and collects problems; a wrong value is replaced by a valid one, to check the rest."""
 
     def __init__(self, name: str, device: str, problems: list[Problem]) -> None:
-        self._name, self._device, self._problems = name, device, problems
+        self._name, self._start, self._problems = name, _START[device], problems
+        self._device = "serial" if device == "firmware" else device
 
     def script(self, data: object) -> Script:
         sections = self._mapping(data, "", _SECTIONS)
         hand = [self._hand(step, f"hand[{n}]") for n, step in enumerate(self._list(sections.get("hand"), "hand"))]
-        start = self._mapping(sections.get("start", {}), "start", _START[self._device])
-        position, offset, gain, watchdog = (self._number(start, "start", name) for name in _SERIAL)
+        start = self._mapping(sections.get("start", {}), "start", self._start)
+        position, offset, gain, watchdog = (self._number(start, "start", name) for name in _ANY)
         missing = [
             self._object(name, f"start.missing[{n}]")[0]
             for n, name in enumerate(self._list(start.get("missing"), "start.missing"))

@@ -10,7 +10,7 @@ import numpy as np
 
 from hapticd.commission.bench import constant, in_turn
 from hapticd.commission.step import DisturbedError, Picture, Result, Seen, line, skipped
-from hapticd.hil.matrix import watchdog_s
+from hapticd.hil.injections import watchdog_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -31,11 +31,6 @@ class Saying:
     where: str = ""
     why: str = ""
 
-    @property
-    def is_alone(self) -> bool:
-        """Whether an MJCF file needs no Python module for it."""
-        return bool(self.where) and _MODULE not in self.where
-
 
 def _exact(where: str) -> Saying:
     return Saying("exact", where)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from hapticd.config import Config
 from hapticd.hil.daemon import DaemonProcess
 
 AT_S: Final = 0.5
@@ -47,9 +48,15 @@ def _signal(number: int) -> Callable[[DaemonProcess], None]:
     return lambda daemon: daemon.signal(number)
 
 
+def watchdog_s(config: Config) -> float:
+    """The device's watchdog time, s: the driver's option, or its default (20 ms on a serial board, 100 ms on CAN)."""
+    default = 20 if config.driver.name == SERIAL else 100
+    return float(config.driver.options.get("watchdog_ms", default)) * 1e-3
+
+
 def _stall(daemon: DaemonProcess) -> None:
     daemon.signal(signal.SIGSTOP)
-    time.sleep(0.3)
+    time.sleep(3.0 * watchdog_s(daemon.config))
     daemon.signal(signal.SIGCONT)
 
 
@@ -167,7 +174,7 @@ INJECTIONS: Final = (
     Injection("sigstop", "SIGSTOP of the daemon", act=_signal(signal.SIGSTOP), by_watchdog=True),
     Injection(
         "stall",
-        "the daemon stands still for 0.3 s, then goes on",
+        "the daemon stands still for three times the watchdog's time, then goes on",
         act=_stall,
         codes=("device_fault", "amplifier_dropped"),
         by_watchdog=True,

@@ -20,7 +20,7 @@ from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.device import Device
 from hapticd.hil.device_log import SAMPLE, DeviceLog
 from hapticd.hil.errors import HilError
-from hapticd.hil.injections import AT_S, CANOPEN, INJECTIONS, Injection
+from hapticd.hil.injections import AT_S, CANOPEN, INJECTIONS, Injection, watchdog_s
 from hapticd.record import read_run
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, FLAG_MISSED_PERIOD
 
@@ -28,7 +28,7 @@ ATTEMPTS: Final = 5
 HOLDING_A: Final = 0.03
 """Current that flows while the shaft is at rest, so that its end can be seen."""
 SETTLE_S: Final = 0.8
-"""Time after the fault in which everything must have happened."""
+"""Time after the fault, and after the watchdog's time, in which everything must have happened."""
 _SIGTERM_S: Final = 1.0
 _CAN_FRAMES: Final = {"reply": "tpdo", "command": "rpdo"}
 ENABLE_BIT: Final = 16
@@ -122,12 +122,6 @@ def with_enable(config: Config) -> Config:
     return apply_settings(config, settings, source="hil")
 
 
-def watchdog_s(config: Config) -> float:
-    """The device's watchdog time, s: the driver's option, or its default (20 ms on a serial board, 100 ms on CAN)."""
-    default = 20 if config.driver.name == "serial_dac" else 100
-    return float(config.driver.options.get("watchdog_ms", default)) * 1e-3
-
-
 def detection_s(config: Config) -> float:
     """Longest time from a fault that the daemon can see to zero current, s: (safety.missed_exchanges + 2) / servo.rate_hz.
 
@@ -191,7 +185,7 @@ def _inject(config: Config, injection: Injection, folder: Path, board: str | Non
                 clock.jump(3600)
                 time.sleep(SETTLE_S / 2)
                 clock.jump(0)
-            time.sleep(SETTLE_S)
+            time.sleep(SETTLE_S + watchdog_s(config))
             status = _status(daemon)
             # Before anything is ended: what the device shows from here on is our doing.
             looked_ns = time.monotonic_ns()

@@ -235,10 +235,8 @@ def _compared(released: Released, log2_draws: int) -> CaseResult:
     measured = measured_trace(path, config)
     count = round(case.duration_s * config.servo.rate_hz)
     times = recorded_times(read_run(path), count) if len(measured.ticks) else None
-    simulated = [
-        simulated_trace(plant, case.duration_s, achieved + start, times=times)
-        for plant, start in possible(config, log2_draws)
-    ]
+    plants = possible(config, log2_draws)
+    simulated = [simulated_trace(plant, case.duration_s, achieved + start, times=times) for plant, start in plants]
     comparison = min((compare(measured, trace) for trace, _ in simulated), key=lambda each: each.current_rms_error)
     # The recording goes on for some periods after the release's time, and so does a motion that has not ended by then.
     outcome, rests = result["outcome"], False
@@ -271,7 +269,7 @@ def _compared(released: Released, log2_draws: int) -> CaseResult:
         # Friction holds a shaft wherever less than it acts; where in this band a motion ends depends on its last swings.
         found["rest_torque"] = rest_torque(measured, config)
         nearest = min(torques, key=lambda torque: abs(torque - found["rest_torque"]))
-        friction = max(plant.plant.coulomb for plant, _ in possible(config))
+        friction = max(plant.plant.coulomb for plant, _ in plants)
         if abs(nearest - found["rest_torque"]) > 2.0 * (1.0 + REST_TOLERANCE) * friction:
             problems.append(
                 f"at rest with a torque of {found['rest_torque']:.3g}, simulated {nearest:.3g} {unit}: a friction of "

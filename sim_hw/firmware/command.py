@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> None:
     from sim_hw.script import load_script
     from sim_hw.serial_board.port import Port
 
-    config, script = load_config(options.plant), load_script(options.script, "serial")
+    config, script = load_config(options.plant), load_script(options.script, "firmware")
     with tempfile.TemporaryDirectory(prefix="hapticd-board-") as folder:
         emulator = Emulator(options.board, Path(folder), options.image)
         try:

@@ -65,6 +65,16 @@ def test_says_everything_at_once(tmp_path: Path) -> None:
     assert [problem.key for problem in raised.value.problems] == ["hand", "start", "faults[0].kind", "faults[1].at_s"]
 
 
+def test_a_binary_has_the_watchdog_that_it_has(tmp_path: Path) -> None:
+    path = tmp_path / "script.yaml"
+    path.write_text("{start: {watchdog: 0}, faults: [{kind: silent, at_s: 1}]}")
+    assert load_script(path, "serial").watchdog == 0
+    with pytest.raises(
+        ConfigError, match=r"start\.watchdog: unknown key; keys: position, counts_offset, current_gain$"
+    ):
+        load_script(path, "firmware")
+
+
 def test_no_such_file(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"gone\.yaml: no such file"):
         load_script(tmp_path / "gone.yaml", "serial")
