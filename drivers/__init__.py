@@ -1,5 +1,6 @@
 """Drivers: one interface, one file per driver, found through entry points (group ``hapticd.drivers``)."""
 
+from drivers._python_driver import PythonDriver
 from drivers.interface import (
     DEVICE_FAULT,
     ERROR,
@@ -14,7 +15,6 @@ from drivers.interface import (
     new_exchange,
     read_options,
 )
-from drivers.python_driver import PythonDriver
 from drivers.registry import DriverInfo, check_option_names, create, declared_latency, declared_step, discover, max_rate
 
 __all__ = [

@@ -34,7 +34,8 @@ class DriverInfo:
 
 
 @cache  # searches every installed package, and every `check` of a config calls it
-def _entry_points() -> dict[str, EntryPoint]:
+def installed_drivers() -> dict[str, EntryPoint]:
+    """Entry points of the group, by the driver's name."""
     return {entry.name: entry for entry in entry_points(group=GROUP)}
 
 
@@ -48,7 +49,7 @@ def _load(entry: EntryPoint) -> type[Driver]:
 def discover() -> list[DriverInfo]:
     """Every installed driver, sorted by name; one that fails to load is listed with its error."""
     found = []
-    for name, entry in sorted(_entry_points().items()):
+    for name, entry in sorted(installed_drivers().items()):
         origin = f"{entry.value} ({entry.dist.name if entry.dist else 'unknown package'})"
         try:
             driver = _load(entry)
@@ -135,7 +136,7 @@ def max_rate(config: Config) -> tuple[float, str]:
 
 def _class_of(name: str) -> type[Driver] | None:
     """The loaded driver class; None if it is not installed."""
-    entry = _entry_points().get(name)
+    entry = installed_drivers().get(name)
     return None if entry is None else _load(entry)
 
 
@@ -146,7 +147,7 @@ def create(config: Config) -> Driver:
         DriverError: no such driver (with the nearest name), it fails to load, or it refuses its options.
     """
     name = config.driver.name
-    entries = _entry_points()
+    entries = installed_drivers()
     if name not in entries:
         nearest = difflib.get_close_matches(name, entries, n=1)
         hint = f"; did you mean {nearest[0]!r}?" if nearest else ""

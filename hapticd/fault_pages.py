@@ -6,15 +6,15 @@ import re
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
-_CHECKOUT = Path(__file__).resolve().parents[1] / "docs" / "faults"
+CHECKOUT = Path(__file__).resolve().parents[1] / "docs" / "faults"
 _INSTALLED = "share/doc/hapticd/faults/"
 _CODE = re.compile(r"[a-z_]{1,40}")
 
 
 def fault_pages() -> dict[str, Path]:
     """The page of every fault's code, by code; empty where they were not installed."""
-    if _CHECKOUT.is_dir():
-        pages = list(_CHECKOUT.glob("*.md"))
+    if CHECKOUT.is_dir():
+        pages = list(CHECKOUT.glob("*.md"))
     else:
         try:
             listed = files("hapticd") or ()

@@ -39,7 +39,7 @@ _DAEMON_FOLDERS = (
     "drivers",
 )
 # The simulated hardware compiles against the plant alone: an edit on one side leaves the other side's code as it is.
-_FOLDERS = {
+FOLDERS = {
     "sim_hw": ("hapticd/effects", "hapticd/plant", "sim_hw"),
     "hapticd.gap.kernel": ("hapticd/effects", "hapticd/plant", "hapticd/gap/kernel"),
 }
@@ -61,9 +61,9 @@ def _source_digest(folders: tuple[str, ...]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _cache_folder(room: str = "") -> Path:
+def cache_folder(room: str = "") -> Path:
     """Folder of a room's compiled code: in ``$NUMBA_CACHE_DIR``, systemd's ``$CACHE_DIRECTORY``, or the user's cache."""
-    digest = _source_digest(_FOLDERS.get(room, _DAEMON_FOLDERS))
+    digest = _source_digest(FOLDERS.get(room, _DAEMON_FOLDERS))
     for variable in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY"):
         if value := os.environ.get(variable):
             return Path(value.split(":")[0]) / f"hapticd-{digest}"
@@ -71,15 +71,15 @@ def _cache_folder(room: str = "") -> Path:
     return Path(base) / "hapticd" / digest
 
 
-numba.config.CACHE_DIR = str(_cache_folder())
+numba.config.CACHE_DIR = str(cache_folder())
 
 
 @contextlib.contextmanager
 def _cached(function: Callable[..., Any]) -> Iterator[None]:
     """Point Numba at the right cache folder while it decorates a function: it asks only then."""
     before = numba.config.CACHE_DIR
-    room = next((room for room in _FOLDERS if function.__module__.startswith(f"{room}.")), "")
-    numba.config.CACHE_DIR = str(_cache_folder(room))
+    room = next((room for room in FOLDERS if function.__module__.startswith(f"{room}.")), "")
+    numba.config.CACHE_DIR = str(cache_folder(room))
     try:
         yield
     finally:

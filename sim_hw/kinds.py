@@ -40,7 +40,7 @@ MEASURED_CURRENT, SECOND_NODE, FOREIGN_SDO, RELEASED = range(18, 22)
 LAST_FRAME_FAULT = REORDER
 """Kinds up to this one act on single frames; the others at an instant."""
 DROPPED, CORRUPTED, DUPLICATED, DELAYED, REORDERED = (1 << kind for kind in range(LAST_FRAME_FAULT + 1))
-"""Bits of the faults of a frame, see :func:`sim_hw.faults.frame_fate`."""
+"""Bits of the faults of a frame, see :func:`sim_hw._faults.frame_fate`."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """A device's log: true motion and current, as an Arrow IPC stream.
 
-The compiled service writes rows into a ring in memory (:func:`sim_hw.motion.log_row`); a Python thread writes them to the
+The compiled service writes rows into a ring in memory (:func:`sim_hw._motion.log_row`); a Python thread writes them to the
 file with :class:`LogWriter`. Tests use the log as the truth.
 """
 

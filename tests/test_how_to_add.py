@@ -170,7 +170,7 @@ def test_a_setting_of_the_servo_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     signature = numba.void(numba.from_dtype(LAB_SERVO), numba.int64[::1], numba.from_dtype(LAB_PARAMS))
     monkeypatch.setattr(servo_core, "PARAMS", LAB_PARAMS)
     monkeypatch.setattr(servo_core, "SERVO", LAB_SERVO)
-    monkeypatch.setattr(servo_core, "_publish", numba.njit(signature)(servo_core._publish.py_func))
+    monkeypatch.setattr(servo_core, "publish", numba.njit(signature)(servo_core.publish.py_func))
     take = numba.njit(take_parameters.py_func)
     driver = Scripted(config())
     driver.open()

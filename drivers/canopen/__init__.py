@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.canopen import bus_load, cyclic, plausible
+from drivers._python_driver import PythonCalls
+from drivers.canopen import _plausible, bus_load, cyclic
 from drivers.canopen import layout as w
 from drivers.canopen.options import COMPILED_INTERFACES, Options
 from drivers.canopen.profile import load_profile
 from drivers.interface import PROCESSING_S, Driver, DriverConfigError, DriverError, driver_options
-from drivers.python_driver import PythonCalls
 
 if TYPE_CHECKING:
     import canopen
@@ -103,7 +103,7 @@ class CanopenDriver(Driver):
     @classmethod
     def declared_step(cls, config: Config) -> float:
         """One step of the target, A: from the given rated values, or the largest that bring-up accepts."""
-        return plausible.declared_step(_parsed(config), config)
+        return _plausible.declared_step(_parsed(config), config)
 
     @classmethod
     def max_rate_hz(cls, config: Config) -> float:

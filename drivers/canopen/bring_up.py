@@ -13,8 +13,11 @@ from typing import Final
 
 import canopen
 
+from drivers.canopen import _plausible
 from drivers.canopen import layout as w
-from drivers.canopen import plausible
+from drivers.canopen._objects import Objects
+from drivers.canopen._pdo import Entry, can_send, map_pdos, set_deadline
+from drivers.canopen._units import Rated
 from drivers.canopen.bus import (
     Monitor,
     check_sync,
@@ -24,9 +27,7 @@ from drivers.canopen.bus import (
     stop_node,
 )
 from drivers.canopen.eds import load_eds
-from drivers.canopen.objects import Objects
 from drivers.canopen.options import Options
-from drivers.canopen.pdo import Entry, can_send, map_pdos, set_deadline
 from drivers.canopen.profile import Mode, Profile
 from drivers.canopen.state_machine import (
     DISABLE_VOLTAGE,
@@ -38,7 +39,6 @@ from drivers.canopen.state_machine import (
     state_of,
     transition,
 )
-from drivers.canopen.units import Rated
 from drivers.interface import DriverError
 from hapticd.config import Config
 from hapticd.config.sections import Amplifier
@@ -106,7 +106,7 @@ def bring_up(
     _check_what_it_says(objects, profile, rated, config)
     _set_limits(objects, profile, rated, amplifier)
     command = rated.command_per_ampere(mode.target.unit, amplifier.peak_current)
-    plausible.check_step(f"{mode.name}, 0x{mode.target.object:04x}", 1.0 / command, amplifier.peak_current)
+    _plausible.check_step(f"{mode.name}, 0x{mode.target.object:04x}", 1.0 / command, amplifier.peak_current)
     actual = rated.ampere_per_raw(profile.actual.unit)
     objects.set(mode.target.object, 0, 0, f"target of {mode.name}")
     back = _read_back(objects, options, mode)
@@ -278,19 +278,19 @@ def _rated(objects: Objects, profile: Profile, options: Options, config: Config)
         value(profile.rated_current, "rated current (mA)"),
         value(profile.rated_torque, "rated torque (mN m)"),
     )
-    return plausible.rated_values(current, torque, options, config)
+    return _plausible.rated_values(current, torque, options, config)
 
 
 def _check_what_it_says(objects: Objects, profile: Profile, rated: Rated, config: Config) -> None:
     index, what = profile.encoder_resolution, "position encoder resolution"
     counts_per_rev = config.encoder.counts_per_rev
     if index is not None and counts_per_rev is not None and all(objects.present(index, sub, what) for sub in (1, 2)):
-        plausible.check_encoder(index, objects.read(index, 1, what), objects.read(index, 2, what), counts_per_rev)
+        _plausible.check_encoder(index, objects.read(index, 1, what), objects.read(index, 2, what), counts_per_rev)
     index, what = profile.max_torque, "max torque (‰)"
     if index is not None and rated.torque is not None and objects.present(index, 0, what):
         raw = objects.read(index, 0, what)
         limit = raw * rated.ampere_per_raw("permille_rated_torque")
-        plausible.check_max_torque(index, raw, limit, config.amplifier.peak_current)
+        _plausible.check_max_torque(index, raw, limit, config.amplifier.peak_current)
 
 
 def _set_limits(objects: Objects, profile: Profile, rated: Rated, amplifier: Amplifier) -> None:
@@ -301,7 +301,7 @@ def _set_limits(objects: Objects, profile: Profile, rated: Rated, amplifier: Amp
         scale = 1e3 if limit.unit == "ms" else 1.0 / rated.ampere_per_raw(limit.unit)
         if limit.unit != "ms":
             found = objects.read(limit.object, 0, limit.what)
-            plausible.check_limit(limit.what, limit.object, found, found / scale, limit.key, asked)
+            _plausible.check_limit(limit.what, limit.object, found, found / scale, limit.key, asked)
         try:
             objects.set(limit.object, 0, round(asked * scale), limit.what)
         except DriverError as error:

@@ -15,7 +15,7 @@ from drivers.interface import DriverError
 
 LISTEN_S: Final = 0.1
 """Time of listening before the first frame: detects a master at 10 Hz or faster."""
-_ECHO_S: Final = 0.2
+ECHO_S: Final = 0.2
 """Longest wait for the return of an own frame."""
 _SCAN_S: Final = 0.3
 _NOTIFIER_S: Final = 0.02
@@ -188,7 +188,7 @@ def stop_node(network: canopen.Network, monitor: Monitor, node_id: int) -> bool:
     """NMT: node to pre-operational. Returns whether the interface returns own frames (udp_multicast does)."""
     network.send_message(w.NMT, bytes([0x80, node_id]))
     monitor.booted.discard(node_id)  # a later boot-up loses settings
-    echoes = monitor.wait_command(w.NMT, _ECHO_S)
+    echoes = monitor.wait_command(w.NMT, ECHO_S)
     if echoes:
         monitor.commands.clear()
     return echoes

@@ -13,8 +13,8 @@ import can
 import numpy as np
 
 from drivers.canopen import layout as w
-from drivers.canopen.others import lose
-from drivers.canopen.read_back import stops_node
+from drivers.canopen._others import lose
+from drivers.canopen._read_back import stops_node
 from drivers.canopen.supervision import (
     answered,
     asks_error_code,

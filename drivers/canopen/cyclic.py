@@ -13,8 +13,9 @@ from numba import types
 from numpy.typing import NDArray
 
 from drivers.canopen import layout as w
-from drivers.canopen.others import lose
-from drivers.canopen.read_back import stops_node
+from drivers.canopen._others import lose
+from drivers.canopen._read_back import stops_node
+from drivers.canopen._sync import sync_came
 from drivers.canopen.supervision import (
     answered,
     asks_error_code,
@@ -24,7 +25,6 @@ from drivers.canopen.supervision import (
     take_frame,
     verdict,
 )
-from drivers.canopen.sync import sync_came
 from drivers.interface import EXCHANGE_WORDS, LOST, MISSED, OK, X_DEADLINE_NS, X_PERIOD_NS, X_TIME_NS
 from drivers.libc import POLLIN, now_ns, receive, send, wait_until
 from hapticd.jit import carray, cfunc, njit

@@ -8,9 +8,9 @@ from typing import Any, Final
 from numpy.typing import NDArray
 
 from drivers.canopen import layout as w
+from drivers.canopen._others import UNNAMED
 from drivers.canopen.bus import describe_command
 from drivers.canopen.emcy import error_code_text
-from drivers.canopen.others import UNNAMED
 from drivers.canopen.state_machine import FAULT_BIT, name_of, transition
 from drivers.canopen.supervision import back_bytes
 

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.canopen import layout as w
-from drivers.canopen.others import foreign_answer, foreign_request, lose, note, take_sample, too_many_samples
-from drivers.canopen.read_back import heard, other_mode, remember
+from drivers.canopen._others import foreign_answer, foreign_request, lose, note, take_sample, too_many_samples
+from drivers.canopen._read_back import heard, other_mode, remember
+from drivers.canopen._sync import begin_sample, take_sync
 from drivers.canopen.state_machine import (
     DISABLE_VOLTAGE,
     ENABLE_OPERATION,
@@ -24,7 +25,6 @@ from drivers.canopen.state_machine import (
     next_controlword,
     state_of,
 )
-from drivers.canopen.sync import begin_sample, take_sync
 from drivers.interface import (
     DEVICE_FAULT,
     ERROR,

@@ -1,5 +1,5 @@
 """Serial DAC board: ``driver: {name: serial_dac, port: /dev/ttyUSB0}``. Protocol: docs/protocols/serial-dac.md."""
 
-from drivers.serial_dac.driver import SerialDacDriver
+from drivers.serial_dac._driver import SerialDacDriver
 
 __all__ = ["SerialDacDriver"]

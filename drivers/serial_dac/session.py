@@ -14,10 +14,10 @@ from drivers.interface import DriverError
 from drivers.serial_dac import messages
 from drivers.serial_dac.framing import Decoder, frame
 
-_HELLO_S = 3.0
-_HELLO_EVERY_S = 0.1
-_REPLY_S = 0.25
-_ATTEMPTS = 3
+HELLO_S = 3.0
+HELLO_EVERY_S = 0.1
+REPLY_S = 0.25
+ATTEMPTS = 3
 _CHUNK = 4096
 
 _Found = TypeVar("_Found")
@@ -46,7 +46,7 @@ class Session:
         nonce = random.randrange(0x10000)  # noqa: S311 - distinguishes sessions, not a secret
         nonces: set[int] = set()
         self.flush()
-        deadline = time.monotonic() + _HELLO_S
+        deadline = time.monotonic() + HELLO_S
 
         def mine(payload: bytes) -> tuple[int, bytes] | None:
             head = messages.hello_reply_head(payload)
@@ -56,9 +56,9 @@ class Session:
             nonce = (nonce + 1) & 0xFFFF
             nonces.add(nonce)
             self.send(messages.hello(nonce))
-            if (reply := self.receive(mine, _HELLO_EVERY_S)) is not None:
+            if (reply := self.receive(mine, HELLO_EVERY_S)) is not None:
                 return self._checked(*reply)
-        raise DriverError(f"{self.name}: no reply from a board within {_HELLO_S:g} s ({self._silence()})")
+        raise DriverError(f"{self.name}: no reply from a board within {HELLO_S:g} s ({self._silence()})")
 
     def _checked(self, version: int, payload: bytes) -> messages.Capabilities:
         if version != messages.VERSION:
@@ -93,9 +93,9 @@ class Session:
                 f"{self.name}: driver.watchdog_ms = {watchdog_ms} ms: the board allows "
                 f"{found.watchdog_min_ms} to {found.watchdog_max_ms} ms"
             )
-        for _ in range(_ATTEMPTS):
+        for _ in range(ATTEMPTS):
             self.send(messages.configure(watchdog_ms))
-            reply = self.receive(messages.configure_reply, _REPLY_S)
+            reply = self.receive(messages.configure_reply, REPLY_S)
             if reply is not None:
                 if reply != watchdog_ms:
                     refused = "refused it" if reply == 0 else f"has set {reply} ms"
@@ -113,10 +113,10 @@ class Session:
             DriverError: no reply, no such inputs, or no confirmation.
         """
         reply = None
-        for seq in range(1, _ATTEMPTS + 1):
+        for seq in range(1, ATTEMPTS + 1):
             self.send_off(seq, found.dac_bits)
             self.send(messages.sample(seq, inputs=inputs))
-            reply = self.receive(_sample_reply_to(seq, inputs), _REPLY_S)
+            reply = self.receive(_sample_reply_to(seq, inputs), REPLY_S)
             if reply is not None and reply.command_seq == seq and not reply.status & messages.STATUS_ENABLED:
                 return reply
         if reply is None and inputs:

@@ -57,7 +57,7 @@ def latency(
     wanted = next((one for one in result.rates if one.rate_hz == resolved.servo.rate_hz), None)
     holds = wanted is not None and wanted.holds
     document = {**_document(result), "configured": {"rate_hz": resolved.servo.rate_hz, "holds": holds}}
-    output.emit(document, _text(result, resolved.servo.rate_hz, holds, resolved.is_linear))
+    output.emit(document, report(result, resolved.servo.rate_hz, holds, resolved.is_linear))
     return exits.DONE if holds else exits.NO
 
 
@@ -86,7 +86,8 @@ def _document(result: LatencyResult) -> dict[str, Any]:
     }
 
 
-def _text(result: LatencyResult, wanted_hz: float, holds: bool, linear: bool) -> str:
+def report(result: LatencyResult, wanted_hz: float, holds: bool, linear: bool) -> str:
+    """The measured latencies as the command prints them."""
     unit = "N/m" if linear else "N m/rad"
     lines = [
         "         late by, µs                     tick, µs        missed  period    τ_D               largest stiffness",

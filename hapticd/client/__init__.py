@@ -6,6 +6,7 @@
 >>> client.start()  # doctest: +SKIP
 """
 
+from hapticd.client._recordings import find_run, recording_folders
 from hapticd.client.client import (
     Client,
     DaemonUnreachable,
@@ -14,7 +15,6 @@ from hapticd.client.client import (
     settings_for_a_while,
     stop_on_interrupt,
 )
-from hapticd.client.recordings import find_run, recording_folders
 
 __all__ = [
     "Client",

@@ -180,9 +180,9 @@ class Bench:
                 wanted = None if code not in (x.OK, x.MISSED) or cut else rule(sample)
                 sent = np.nan
                 if wanted is not None:
-                    wanted = self._limited(wanted)
+                    wanted = self.limited(wanted)
                     sent = (self._clock() - begun) / _NS
-                    self._send(wanted, 1)
+                    self.send(wanted, 1)
                 rows.append(
                     (
                         t,
@@ -200,8 +200,8 @@ class Bench:
                     break
                 self._sleep(last)
         finally:
-            self._send(0.0, 1)
-            self._send(0.0, 1)
+            self.send(0.0, 1)
+            self.send(0.0, 1)
             if hand is not None:
                 self.push(0.0)
             self.seconds += (self._clock() - begun) / _NS
@@ -229,7 +229,7 @@ class Bench:
                 last = self._clock()
                 if self._call(self._read) == x.OK and bool(self._words[x.X_STATUS] & x.STATUS_HELD) == held:
                     return t
-                self._send(0.0, 0)
+                self.send(0.0, 0)
                 self._sleep(last)
         finally:
             self.seconds += (self._clock() - begun) / _NS
@@ -253,7 +253,7 @@ class Bench:
     def off(self) -> None:
         """Zero current, then the amplifier off."""
         for enable in (1, 0, 0):
-            self._send(0.0, enable)
+            self.send(0.0, enable)
             self._call(self._read)
 
     def _enable(self) -> None:
@@ -268,7 +268,7 @@ class Bench:
                 if self._words[x.X_STATUS] & x.STATUS_ENABLED:
                     return
             # what an earlier run made the device latch is cleared by asking for the amplifier off first
-            self._send(0.0, 0 if code == x.DEVICE_FAULT or asked < _OFF_FIRST else 1)
+            self.send(0.0, 0 if code == x.DEVICE_FAULT or asked < _OFF_FIRST else 1)
             asked += 1
             self._sleep(last)
         limit = self.config.safety.enable_timeout_s
@@ -288,11 +288,13 @@ class Bench:
     def _why(self) -> str:
         return self.driver.error or f"device code {int(self._words[x.X_DEVICE_CODE])}"
 
-    def _limited(self, current: float) -> float:
+    def limited(self, current: float) -> float:
+        """A current within ``amplifier.peak_current``, A."""
         peak = self.config.amplifier.peak_current or np.inf
         return float(min(max(current, -peak), peak))
 
-    def _send(self, current: float, enable: int) -> None:
+    def send(self, current: float, enable: int) -> None:
+        """Command a current, A, in steps of the converter."""
         step, largest = self._grid
         self._floats[x.X_CURRENT], self._words[x.X_CODE] = quantise_current(current, step, largest)
         self._words[x.X_ENABLE] = enable

@@ -55,7 +55,7 @@ def estop(rig: Rig) -> Result:
         state = stop_channel.ask(daemon.client.socket_path, "estop", 1.0)
         obeyed = time.monotonic() - begun
         found = daemon.client.wait(job)["result"] or {}
-        code = _fault(daemon)
+        code = fault_of(daemon)
         late_s = rig.late_s(begun_ns)
         daemon.client.clear()
     figures: dict[str, Any] = {"obeyed_ms": 1e3 * obeyed, "answer": state, "fault": code}
@@ -97,7 +97,7 @@ def enable(rig: Rig) -> Result:
         return skipped("nobody was there to let go of the enable")
     with _swinging(rig) as (daemon, job):
         found = daemon.client.wait(job)["result"] or {}
-        fault = _fault(daemon)
+        fault = fault_of(daemon)
         daemon.wait_until(lambda: daemon.client.status()["enable"]["held"], "the enable was held again", HAND_S)
         states = [_state_after(daemon)]
         if fault:
@@ -120,7 +120,7 @@ def enable(rig: Rig) -> Result:
     return seen.passes("released, the current ends; held again, nothing begins by itself")
 
 
-def _fault(daemon: DaemonProcess) -> str | None:
+def fault_of(daemon: DaemonProcess) -> str | None:
     """The code of the fault that is latched.
 
     Raises:
@@ -222,7 +222,7 @@ def trips(rig: Rig) -> Result:
             daemon.client.origin(force=True)
             with settings_for_a_while(daemon.client, {key: value, "spring.stiffness": 0.0}, force=True):
                 found = daemon.client.wait(_steps(daemon, rig))["result"] or {}
-                fault = _fault(daemon)
+                fault = fault_of(daemon)
                 if fault:
                     daemon.client.clear()
             t, current, position = _rows(rig, found["run"])
@@ -232,8 +232,8 @@ def trips(rig: Rig) -> Result:
             shown = speed if code == "over_speed" else np.abs(position)
             beyond = np.flatnonzero(shown > CLEARLY * value)
             late = ended + 1 - int(beyond[0]) if len(beyond) else 0
-            figures |= {f"{code}_fault": fault, f"{code}_periods_to_zero": late}
-            limit[f"{code}_fault"], limit[key] = code, value
+            figures |= {f"{code}fault_of": fault, f"{code}_periods_to_zero": late}
+            limit[f"{code}fault_of"], limit[key] = code, value
             if fault != code:
                 problems.append(f"{key} = {value:.3g} was passed with the fault {fault}")
             elif late > ZERO_PERIODS:

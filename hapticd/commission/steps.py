@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from hapticd.commission import before, limits, model, pulses, stopping
+from hapticd.commission import _before, _pulses, _stopping, limits, model
 
 if TYPE_CHECKING:
     from hapticd.commission.rig import Rig
@@ -35,16 +35,16 @@ class Step:
 
 
 STEPS: Final = (
-    Step("doctor", "The machine and the config", before.look_at_machine, moves=False),
-    Step("zero_current", "Zero current", before.hold_zero, needs=("doctor",)),
-    Step("by_hand", "The shaft turned by hand", before.turn_by_hand, needs=("zero_current",)),
-    Step("sign", "Which way a current turns it", pulses.sign, needs=("by_hand",)),
-    Step("torque_constant", "Torque constant", pulses.known_load, needs=("sign",)),
-    Step("latency", "From command to motion", pulses.delay, needs=("sign",)),
-    Step("watchdog", "The device's watchdog", stopping.watchdog, needs=("sign",)),
+    Step("doctor", "The machine and the config", _before.look_at_machine, moves=False),
+    Step("zero_current", "Zero current", _before.hold_zero, needs=("doctor",)),
+    Step("by_hand", "The shaft turned by hand", _before.turn_by_hand, needs=("zero_current",)),
+    Step("sign", "Which way a current turns it", _pulses.sign, needs=("by_hand",)),
+    Step("torque_constant", "Torque constant", _pulses.known_load, needs=("sign",)),
+    Step("latency", "From command to motion", _pulses.delay, needs=("sign",)),
+    Step("watchdog", "The device's watchdog", _stopping.watchdog, needs=("sign",)),
     Step("estop", "Emergency stop", limits.estop, needs=("sign",)),
     Step("enable", "The enable that a person holds", limits.enable, needs=("sign",)),
-    Step("current_loop", "The current loop", stopping.current_loop, needs=("sign",)),
+    Step("current_loop", "The current loop", _stopping.current_loop, needs=("sign",)),
     Step("trips", "Trips of speed and excursion", limits.trips, needs=("estop",)),
     Step("identify", "Identification", model.identify, needs=("trips",)),
     Step("gap", "What the model lacks", model.gap, moves=False, needs=("identify",)),

@@ -3,8 +3,9 @@
 See ``docs/reference/config.md`` for every key. Nothing here imports the compiled code.
 """
 
+from hapticd.config._host import Api, Driver, Record
+from hapticd.config._writing import config_digest, config_schema, config_to_yaml
 from hapticd.config.effects import Effect
-from hapticd.config.host import Api, Driver, Record
 from hapticd.config.keys import LIVE_KEYS, unit_of
 from hapticd.config.loading import apply_settings, load_config, parse_config, parse_yaml
 from hapticd.config.model import Config
@@ -22,7 +23,6 @@ from hapticd.config.sections import (
     Servo,
     Spring,
 )
-from hapticd.config.writing import config_digest, config_schema, config_to_yaml
 from hapticd.effects.catalogue import EFFECT_SLUGS
 
 __all__ = [

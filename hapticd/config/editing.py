@@ -11,12 +11,12 @@ from typing import Any, Final
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
+from hapticd.config._writing import config_to_yaml
 from hapticd.config.loading import parse_yaml
 from hapticd.config.model import Config
 from hapticd.config.presets import PRESETS, preset_names
 from hapticd.config.reading import read_text
 from hapticd.config.text import yaml_value
-from hapticd.config.writing import config_to_yaml
 
 _WIDTH: Final = 200
 """Line width, so large that lists of numbers stay on one line."""

@@ -12,16 +12,16 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from hapticd.config._quantities import with_units
+from hapticd.config._version import take_version
 from hapticd.config.explain import explain, unknown_key
 from hapticd.config.keys import leaf_fields, section_models
 from hapticd.config.model import Config, gives_linear_encoder
 from hapticd.config.nearest import nearest_name
 from hapticd.config.presets import PRESETS, preset_names
 from hapticd.config.problems import ConfigError, Problem
-from hapticd.config.quantities import with_units
 from hapticd.config.reading import read_text, read_yaml
 from hapticd.config.text import shown
-from hapticd.config.version import take_version
 
 _OTHER_KIND = (
     "a setting cannot change a rotary device to a linear one or back; other numbers would keep their old units"

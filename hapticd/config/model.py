@@ -7,9 +7,9 @@ from typing import Any
 
 from pydantic import model_validator
 
-from hapticd.config.checks import cross_findings
+from hapticd.config._checks import cross_findings
+from hapticd.config._host import Api, Driver, Record
 from hapticd.config.fields import Section, findings_error, quantity
-from hapticd.config.host import Api, Driver, Record
 from hapticd.config.sections import Amplifier, Delay, Dither, Encoder, Hand, Plant, Safety, Servo, Spring
 
 

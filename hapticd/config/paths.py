@@ -7,28 +7,28 @@ import stat
 import tempfile
 from pathlib import Path
 
-_SERVICE_RUNTIME = Path("/run/hapticd")
-_TEMPORARY = Path("/tmp")  # noqa: S108 - for a folder of each user, see `foreign`
-_SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the same
+SERVICE_RUNTIME = Path("/run/hapticd")
+TEMPORARY = Path("/tmp")  # noqa: S108 - for a folder of each user, see `foreign`
+SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the same
 
 
 def default_socket() -> str:
     """Control socket: ``$XDG_RUNTIME_DIR/hapticd.sock``, else ``/run/hapticd/`` if writable, else under /tmp."""
     if runtime := _absolute("XDG_RUNTIME_DIR"):
         return str(runtime / "hapticd.sock")
-    if os.access(_SERVICE_RUNTIME, os.W_OK):
+    if os.access(SERVICE_RUNTIME, os.W_OK):
         return str(service_socket())
-    return str(_own_folder(_TEMPORARY) / "hapticd.sock")
+    return str(_own_folder(TEMPORARY) / "hapticd.sock")
 
 
 def service_socket() -> Path:
     """Control socket of ``hapticd.service``."""
-    return _SERVICE_RUNTIME / "hapticd.sock"
+    return SERVICE_RUNTIME / "hapticd.sock"
 
 
 def memory_folder() -> Path:
     """This user's folder in ``/dev/shm``."""
-    return _own_folder(_SHARED_MEMORY)
+    return _own_folder(SHARED_MEMORY)
 
 
 def foreign(directory: Path) -> str | None:
@@ -36,7 +36,7 @@ def foreign(directory: Path) -> str | None:
 
     Every user may write to the parent, so another user may have created the folder, and could replace files in it.
     """
-    if directory not in (_own_folder(_TEMPORARY), _own_folder(_SHARED_MEMORY)):
+    if directory not in (_own_folder(TEMPORARY), _own_folder(SHARED_MEMORY)):
         return None
     try:
         found = directory.lstat()

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Final, Literal, ParamSpec, TypeVar, cast
 
 from annotated_types import Ge, Le, Len
 
-from hapticd.control.fields import (
+from hapticd.control._fields import (
     LONGEST_NOTE,
     STEPS,
     Force,

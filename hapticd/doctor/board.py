@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from drivers.serial_dac import messages
-from hapticd.doctor.board_session import REPLY_S, Board, NoReplyError, opened
+from hapticd.doctor._board_session import REPLY_S, Board, NoReplyError, opened
 from hapticd.doctor.finding import Finding, Findings, Level
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ def knob(board: Board, config: Config, operator: Operator) -> Iterator[Finding]:
     before = board.counts
     if operator.does("Turn the knob a little in the direction that you call positive, and hold it there"):
         board.sample()
-        yield _direction(board.counts - before, config)
+        yield direction_of(board.counts - before, config)
 
 
 def _turned(board: Board, operator: Operator) -> tuple[int, int, float, bool]:
@@ -209,7 +209,8 @@ def _turned(board: Board, operator: Operator) -> tuple[int, int, float, bool]:
     return least - start, most - start, fastest, failed
 
 
-def _direction(moved: int, config: Config) -> Finding:
+def direction_of(moved: int, config: Config) -> Finding:
+    """Which way the position went when the shaft was turned by so many raw counts."""
     signed = -moved if config.encoder.invert else moved
     if moved == 0:
         return Finding("direction", Level.NOTE, "the knob was not turned")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from hapticd.doctor import kernel, processors, storage
+from hapticd.doctor import _storage, kernel, processors
 from hapticd.doctor.device import device
 from hapticd.doctor.finding import Finding, Findings, Level, Machine
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 CHECKS: Final[tuple[Callable[[Machine, Config], Finding], ...]] = (
     *kernel.CHECKS,
     *processors.CHECKS,
-    *storage.CHECKS,
+    *_storage.CHECKS,
 )
 
 

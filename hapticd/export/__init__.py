@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from hapticd.export._write import SUFFIXES, module_beside, write_model
 from hapticd.export.errors import ExportError
 from hapticd.export.table import FORMATS, TABLE, Format, Saying, sayings
-from hapticd.export.write import SUFFIXES, module_beside, write_model
 
 __all__ = ["FORMATS", "SUFFIXES", "TABLE", "ExportError", "Format", "Saying", "module_beside", "sayings", "write_model"]

@@ -14,12 +14,12 @@ import numpy as np
 
 from drivers import declared_latency
 from hapticd.gap import constants
+from hapticd.gap._problem import Problem
 from hapticd.gap.balance import balance
 from hapticd.gap.errors import RecordingError
 from hapticd.gap.inertia_range import inertia_range
 from hapticd.gap.late_record import LATEST
 from hapticd.gap.missing import missing_power
-from hapticd.gap.problem import Problem
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import BASE_WORDS, Coordinate, Term
 from hapticd.plant.effect_terms import torque_constant

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, grip, late_record
+from hapticd.gap._free_base import CORRECTIONS, FreeBase
 from hapticd.gap.base_model import Balanced
 from hapticd.gap.candidates import keeps_the_drive
-from hapticd.gap.free_base import CORRECTIONS, FreeBase
 from hapticd.gap.law_set import Comparison, LawSet, Round, evidence, is_at_noise_level, is_better
 from hapticd.gap.propose import ROUGH, extensions, finished
 from hapticd.gap.sets import Sets
@@ -23,8 +23,8 @@ from hapticd.gap.unnamed import with_function
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from hapticd.gap._problem import Problem
     from hapticd.gap.fit import Fit
-    from hapticd.gap.problem import Problem
     from hapticd.gap.terms import Term
 
 _MAXIMISED = 2.0 * constants.INDISTINGUISHABLE

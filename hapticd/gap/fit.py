@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from hapticd.gap._problem import Problem
     from hapticd.gap.arrays import Floats
-    from hapticd.gap.problem import Problem
     from hapticd.gap.terms import Term
 
 _NOISES = len(NOISE)

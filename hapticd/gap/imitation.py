@@ -15,8 +15,8 @@ from hapticd.gap.kernel.device import moving_inertia
 from hapticd.gap.kernel.imitate import imitate
 
 if TYPE_CHECKING:
+    from hapticd.gap._problem import Problem
     from hapticd.gap.fit import Fit
-    from hapticd.gap.problem import Problem
 
 _NEAR = 0.1
 """Largest deviation from the recorded path under the device's torque, as a share of the travel."""

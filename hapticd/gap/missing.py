@@ -278,7 +278,7 @@ def structure(fit: Fit, found: Missing) -> list[Structure]:
         name, columns = function
         numbers = columns.shape[1]
         whole = np.concatenate([sensitivities(fit.out, columns.copy()), own], axis=1)
-        coefficients = _held_out_coefficients(fit, whole)
+        coefficients = held_out_coefficients(fit, whole)
         gain, errors = _gain(fit, np.sum(whole * coefficients[fold], axis=1))
         g, H = _normal_equations(fit, whole)
         force = columns @ np.linalg.solve(H, g)[:numbers]
@@ -332,7 +332,7 @@ def _normal_equations(fit: Fit, whole: Floats, rows: NDArray[np.bool_] | None = 
     return whole.T @ score, H + np.diag(ridge)
 
 
-def _held_out_coefficients(fit: Fit, whole: Floats) -> Floats:
+def held_out_coefficients(fit: Fit, whole: Floats) -> Floats:
     """Coefficients of directions without each fold, shape (folds, k)."""
     fold = fit.problem.series.fold[fit.problem.series.block]
     equations = (_normal_equations(fit, whole, fold != k) for k in range(constants.FOLDS))
@@ -346,7 +346,7 @@ def held_out_gain(fit: Fit, answer: Floats) -> tuple[float, float]:
     """
     whole = np.concatenate([answer, fit.own_slopes], axis=1)
     fold = fit.problem.series.fold[fit.problem.series.block]
-    return _gain(fit, np.sum(whole * _held_out_coefficients(fit, whole)[fold], axis=1))
+    return _gain(fit, np.sum(whole * held_out_coefficients(fit, whole)[fold], axis=1))
 
 
 def _gain(fit: Fit, shift: Floats) -> tuple[float, float]:

@@ -13,8 +13,8 @@ from hapticd.gap.parallel import parallel_map
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from hapticd.gap._problem import Problem
     from hapticd.gap.arrays import Floats
-    from hapticd.gap.problem import Problem
     from hapticd.gap.terms import Term
 
 

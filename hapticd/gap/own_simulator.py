@@ -20,8 +20,8 @@ import numpy as np
 from drivers import declared_latency
 from hapticd.export.axis_numbers import axis_numbers
 from hapticd.export.plain.axis import Axis
+from hapticd.gap._own_fmu import FmuTorque
 from hapticd.gap.balance import CUTOFF_HZ, MOVING
-from hapticd.gap.own_fmu import FmuTorque
 from hapticd.plant.effect_terms import torque_constant
 from hapticd.plant.electrical import electrical
 from hapticd.plant.layout import device_vector

@@ -16,9 +16,9 @@ from hapticd.gap.terms import BASE_WORDS, LINE
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from hapticd.gap._problem import Problem
     from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
-    from hapticd.gap.problem import Problem
     from hapticd.gap.terms import Term
 
 

@@ -21,11 +21,11 @@ import numpy as np
 from hapticd.config import ConfigError, apply_settings
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import grip, late_record
+from hapticd.gap._problem import Problem
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.law_set import OUTLIER_COSTS
 from hapticd.gap.model_file import with_effects
-from hapticd.gap.problem import Problem
 from hapticd.gap.recording import Recording
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import BASE_WORDS, LINE, parameters_of_term

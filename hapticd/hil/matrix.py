@@ -104,7 +104,7 @@ def run_matrix(
     return rows
 
 
-def _with_current(config: Config) -> Config:
+def with_current(config: Config) -> Config:
     """The config with ticks so coarse that the half tick of bias is a current worth speaking of, at rest too."""
     force = HOLDING_A * config.amplifier.torque_constant
     if config.spring.stiffness == 0.0:
@@ -147,7 +147,7 @@ def run_injection(config: Config, injection: Injection, folder: Path, board: str
     Raises:
         HilError: it did so every time.
     """
-    config = _with_current(with_enable(config) if injection.enable else config)
+    config = with_current(with_enable(config) if injection.enable else config)
     for attempt in range(ATTEMPTS):
         try:
             return _inject(config, injection, folder / str(attempt), board)

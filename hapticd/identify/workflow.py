@@ -20,8 +20,8 @@ from hapticd.gap.checks import check_recording, check_together
 from hapticd.gap.data import unchecked
 from hapticd.gap.parallel import one_blas_thread
 from hapticd.gap.result import Estimate
-from hapticd.identify.base_fit import FITTED, BaseFit, base_fit
-from hapticd.identify.consistency import current_gain, disagreeing_runs
+from hapticd.identify._base_fit import FITTED, BaseFit, base_fit
+from hapticd.identify._consistency import current_gain, disagreeing_runs
 from hapticd.identify.plausible import implausible
 from hapticd.identify.result import UNCERTAIN, Identified
 from hapticd.record import read_run

@@ -7,7 +7,7 @@ to it obey
 
 with μ = J_L/J_M. Their Taylor series converges to rounding over a radian of the two masses' oscillation, the longest a
 phase lasts. When the motor sticks the load oscillates on a fixed end. Terms that vary with position or speed are taken at
-their mean over a phase, as in `hapticd.plant.slide`.
+their mean over a phase, as in `hapticd.plant._slide`.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from numba import types
 
 from hapticd.jit import njit
+from hapticd.plant._phases import MOST_PHASES
+from hapticd.plant._slide import FORCES, Forces, friction_of, pull_on
 from hapticd.plant.effect_terms import damping_at, has_smooth_terms, steady_span
 from hapticd.plant.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, THETA
-from hapticd.plant.phases import MOST_PHASES
-from hapticd.plant.slide import FORCES, Forces, friction_of, pull_on
 from hapticd.plant.spring import spring_functions
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from hapticd.effects import (
     torque_ripple,
 )
 from hapticd.jit import effect_term, njit
-from hapticd.plant.hooks import are_installed, are_on, hooked_friction, hooked_torque
+from hapticd.plant._hooks import are_installed, are_on, hooked_friction, hooked_torque
 from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:

@@ -14,6 +14,8 @@ from numba import types
 
 from hapticd.effects import asymmetric_coulomb, encoder_eccentricity, hand_impedance, thermal_drift
 from hapticd.jit import effect_term, njit
+from hapticd.plant._phases import move
+from hapticd.plant._slide import FORCES, Forces, friction_of, pull_on
 from hapticd.plant.effect_terms import (
     coulomb_level,
     has_bristle,
@@ -24,8 +26,6 @@ from hapticd.plant.effect_terms import (
     whole_inertia,
 )
 from hapticd.plant.layout import BRISTLE, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, index_of
-from hapticd.plant.phases import move
-from hapticd.plant.slide import FORCES, Forces, friction_of, pull_on
 from hapticd.plant.spring import propagate_about_rest, springs_together
 from hapticd.plant.springy_contact import move_with_springy_contact
 from hapticd.plant.two_masses import is_springy, move_with_backlash, move_with_coupling

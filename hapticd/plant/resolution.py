@@ -27,7 +27,7 @@ _PART_OF_DECAY = 0.5
 """Largest substep as a fraction of the time constant of a law that depends on speed."""
 _HARDEST_PULL = 4.0
 """Acceleration, in units of the friction's, at which a substep on a bristle still resolves a friction that changes with
-speed; with stiction, `hapticd.plant.slide` divides the step."""
+speed; with stiction, `hapticd.plant._slide` divides the step."""
 
 _STIFF = tuple(effect for effect in CATALOGUE.values() if effect.stiffness is not None)
 _DAMPING = tuple(effect for effect in CATALOGUE.values() if effect.damping is not None)

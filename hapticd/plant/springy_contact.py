@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 from numba import types
 
 from hapticd.jit import njit
+from hapticd.plant._phases import MOST_PHASES, phase
+from hapticd.plant._slide import FORCES, Forces
 from hapticd.plant.coupled import COUPLING, Coupling, between, longest_phase, narrowed, phase_coupled
 from hapticd.plant.effect_terms import has_bristle
 from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, index_of
-from hapticd.plant.phases import MOST_PHASES, phase
-from hapticd.plant.slide import FORCES, Forces
 from hapticd.plant.two_masses import swing_behind, with_torque
 
 if TYPE_CHECKING:

@@ -12,11 +12,11 @@ from numba import types
 
 from hapticd.effects import backlash
 from hapticd.jit import effect_term, njit
+from hapticd.plant._phases import MOST_PHASES, move, phase
+from hapticd.plant._slide import FORCES, Forces
 from hapticd.plant.coupled import Coupling, is_underdamped, move_coupled
 from hapticd.plant.effect_terms import has_bristle, shared_inertia, whole_inertia
 from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, index_of
-from hapticd.plant.phases import MOST_PHASES, move, phase
-from hapticd.plant.slide import FORCES, Forces
 from hapticd.plant.spring import spring_functions
 
 if TYPE_CHECKING:

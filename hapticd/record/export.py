@@ -17,11 +17,11 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from hapticd.figures.files import refuse_existing
+from hapticd.record._reader import CSV_METADATA_COLUMN
 from hapticd.record.errors import RunFileError
 from hapticd.record.files import written
 from hapticd.record.mcap import distinct, write_mcap
 from hapticd.record.metadata import encode_metadata, to_plain
-from hapticd.record.reader import CSV_METADATA_COLUMN
 from hapticd.record.run import Run
 
 _MATLAB_NAME_LENGTH = 63

@@ -32,10 +32,10 @@ from hapticd.record.writer import RunWriter
 POLL_S = 0.02
 SYNC_S = 1.0
 _STALL_S = 1.0
-_LOCK_TIMEOUT_S = 5.0
+LOCK_TIMEOUT_S = 5.0
 _DUMP_ROWS = 4096
 _NOTES_SHOWN = 16
-_MOST_FILES = 100
+MOST_FILES = 100
 """Of one recording: whatever takes them away would go on."""
 
 log = logging.getLogger(__name__)
@@ -103,7 +103,7 @@ class Recorder:
             if self._writer is not None:
                 raise RecordingError(f"already recording to {self._writer.path}; stop that first")
             writer = RunWriter(path, described) if path else open_new_run(self.directory, "run", label, described)
-            self._pull()  # what came while the file was made does not belong to this recording
+            self.pull()  # what came while the file was made does not belong to this recording
             self._dropped_before, self._dropped_here = self._dropped(), 0
             self._rows_before += self._rows
             self._last_tick = None
@@ -124,21 +124,21 @@ class Recorder:
         with self._exclusive():
             if self._writer is None:
                 return self._path if self._state == "failed" else None
-            self._pull()
+            self.pull()
             self._close()
             return self._path
 
     def annotate(self, event: Mapping[str, Any]) -> None:
         """Note an event (say, a changed setting) in the recording, if one is on."""
         with self._exclusive():
-            self._pull()
+            self.pull()
             if self._writer is not None:
                 self._writer.annotate({"utc": utc_now(), **event})
 
     def note(self, event: Mapping[str, Any]) -> Path | None:
         """Keep a note or a marker with the recording, and the newest few for `status`; the file, None where none is on."""
         with self._exclusive():
-            self._pull()
+            self.pull()
             if self._writer is None:
                 return None
             noted = to_plain({"utc": utc_now(), **event})
@@ -201,16 +201,16 @@ class Recorder:
             return self.stop()
         finally:
             self._ending.set()
-            self._thread.join(_LOCK_TIMEOUT_S)
-            self._syncing.join(_LOCK_TIMEOUT_S)
+            self._thread.join(LOCK_TIMEOUT_S)
+            self._syncing.join(LOCK_TIMEOUT_S)
 
     def _described(self, kind: str, label: str) -> dict[str, Any]:
         return {**self._metadata(), **(self._more if kind == "run" else {}), "kind": kind, "label": label}
 
     @contextlib.contextmanager
     def _exclusive(self) -> Iterator[None]:
-        if not self._lock.acquire(timeout=_LOCK_TIMEOUT_S):
-            raise RecordingError(f"the disk has not answered for {_LOCK_TIMEOUT_S:.0f} s while writing {self._path}")
+        if not self._lock.acquire(timeout=LOCK_TIMEOUT_S):
+            raise RecordingError(f"the disk has not answered for {LOCK_TIMEOUT_S:.0f} s while writing {self._path}")
         try:
             yield
         finally:
@@ -219,9 +219,9 @@ class Recorder:
     def _run(self) -> None:
         while not self._ending.wait(POLL_S):
             with self._lock:
-                self._pull()
+                self.pull()
 
-    def _pull(self) -> None:
+    def pull(self) -> None:
         """Take what the ring holds, once: the time is bounded by the ring's size, however fast the producer is."""
         try:
             for rows in self._drain():
@@ -265,7 +265,7 @@ class Recorder:
         old = self._writer
         assert old is not None
         lost = f"{old.path} {what}; {old.rows_written} rows were in it"
-        if self._files >= _MOST_FILES:
+        if self._files >= MOST_FILES:
             raise RecordingError(f"recording stopped: {lost}; it was the file number {self._files} of this recording")
         try:
             new = open_new_run(old.path.parent, "run", self._label, self._described("run", self._label))

@@ -7,13 +7,13 @@ from typing import Final
 
 from hapticd.record.errors import RunFileError
 
-_LEAST: Final = 1 << 28
+LEAST: Final = 1 << 28
 _GROWTH: Final = 200
 
 
 def unpack_limit(stored: int) -> int:
     """Bytes that a file of ``stored`` bytes may unpack to: 200 times its own, and 256 MiB for a small one."""
-    return max(_LEAST, _GROWTH * stored)
+    return max(LEAST, _GROWTH * stored)
 
 
 def check_unpacked(path: Path, size: int, limit: int) -> None:

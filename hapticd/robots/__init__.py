@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hapticd.robots.bag import import_bag, is_bag
-from hapticd.robots.urdf import hold_against, limits_of
+from hapticd.robots._bag import import_bag, is_bag
+from hapticd.robots._urdf import hold_against, limits_of
 
 __all__ = ["hold_against", "import_bag", "is_bag", "limits_of"]

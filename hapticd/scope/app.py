@@ -29,12 +29,12 @@ from hapticd.control.json_reply import JsonReply, error_reply
 from hapticd.fault_pages import fault_page
 from hapticd.record import RunFileError
 from hapticd.scope import runs, theory
+from hapticd.scope._quantities import read_plan, read_quantities, read_settings
 from hapticd.scope.access import Access, Guard, Names, Role
 from hapticd.scope.choices import choice_for_page, in_asked_unit, in_sequence
 from hapticd.scope.forms import BadRequest, body_of, client_of, fields_of
 from hapticd.scope.hub import Hub
 from hapticd.scope.lease import Lease
-from hapticd.scope.quantities import read_plan, read_quantities, read_settings
 from hapticd.scope.runs import RunError
 from hapticd.scope.sockets import Sockets
 from hapticd.scope.strangers import has_token

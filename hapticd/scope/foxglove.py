@@ -17,7 +17,7 @@ import numpy as np
 from hapticd.record.frames import Context, decode
 from hapticd.record.mcap import MESSAGE, TOPIC, definition, messages_of
 from hapticd.record.schema import COLUMNS, empty_rows
-from hapticd.scope.upstream import StreamLost, frames
+from hapticd.scope._upstream import StreamLost, frames
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

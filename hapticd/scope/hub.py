@@ -22,7 +22,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from hapticd.client import Client, DaemonUnreachable, RequestRefused
 from hapticd.record import frames as coding
 from hapticd.scope import theory
-from hapticd.scope.upstream import StreamLost, frames
+from hapticd.scope._upstream import StreamLost, frames
 
 log = logging.getLogger(__name__)
 

@@ -27,12 +27,12 @@ from hapticd.control.endpoints import TEXT, Endpoint, Endpoints, JsonDict, Queue
 from hapticd.control.json_reply import JsonReply
 from hapticd.control.schemas import ErrorReply, body_of, reply_of
 from hapticd.service import replies, socket
+from hapticd.service._metrics import CONTENT_TYPE
 from hapticd.service.access import CALLER, Access, Caller, Rules, Turns
 from hapticd.service.arrivals import ARRIVAL, Arrivals, Pending, Stoppable
 from hapticd.service.guests import guests
 from hapticd.service.halting import POLL_S
 from hapticd.service.live import LiveStream
-from hapticd.service.metrics import CONTENT_TYPE
 from hapticd.servo.authority import Command
 
 log = logging.getLogger("hapticd.api")
@@ -111,7 +111,7 @@ def create_app(
     for endpoint in endpoints:
         app.add_api_route(
             endpoint.path,
-            _answering(endpoint, control, pools[endpoint.queue] if pools and endpoint.queue in pools else None),
+            answering(endpoint, control, pools[endpoint.queue] if pools and endpoint.queue in pools else None),
             methods=[endpoint.method],
             name=endpoint.name,
             description=endpoint.description,
@@ -132,7 +132,7 @@ def openapi_document() -> dict[str, Any]:
     return create_app(cast(Control, None)).openapi()
 
 
-def _answering(
+def answering(
     endpoint: Endpoint, control: Control, pool: ThreadPoolExecutor | None
 ) -> Callable[..., Awaitable[Response]]:
     """The function that FastAPI calls for a request; the body's fields become the arguments of the method."""

@@ -18,7 +18,8 @@ from hapticd.config import LIVE_KEYS, Config, apply_settings, config_digest, loa
 from hapticd.config.limits import limits_off
 from hapticd.control.endpoints import MOTION_S, PREPARED_MOTION_S, Endpoints, JsonDict
 from hapticd.record import RecordingError
-from hapticd.service import checks, metrics, report
+from hapticd.service import _metrics, checks, report
+from hapticd.service._replacement import Replacement
 from hapticd.service.background import Background
 from hapticd.service.experiments import Experiments
 from hapticd.service.fault_manager import FaultManager
@@ -33,7 +34,6 @@ from hapticd.service.recent import RecentTiming
 from hapticd.service.reconnect import Reconnector
 from hapticd.service.refusals import Refused
 from hapticd.service.rendering import ANSWER_S, Rendering
-from hapticd.service.replacement import Replacement
 from hapticd.service.rig import Rig
 from hapticd.service.self_check import SelfCheck
 from hapticd.servo import atomics, layout
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_BEAT_S = 0.05
+BEAT_S = 0.05
 _BEATS_A_SECOND = 20
 
 
@@ -140,7 +140,7 @@ class Daemon(Endpoints):
 
     def metrics(self) -> str:
         """Numbers for Prometheus."""
-        return metrics.exposition(self.rig, self.status(), dict(self._faults.counts))
+        return _metrics.exposition(self.rig, self.status(), dict(self._faults.counts))
 
     def start(self, force: bool = False, *, command: Command | None = None) -> JsonDict:
         """off → ready → running; refused while a fault is latched, or by the guard."""
@@ -348,7 +348,7 @@ class Daemon(Endpoints):
 
     def _supervise(self) -> None:
         for beat in itertools.count():
-            if self._ending.wait(_BEAT_S):
+            if self._ending.wait(BEAT_S):
                 return
             self.rig.servo.beat()
             self._watchdog.look(time.monotonic())

@@ -23,6 +23,7 @@ from hapticd.control import descriptors
 from hapticd.control.fault_text import fault_lines
 from hapticd.record.files import why_unwritable
 from hapticd.service import checks
+from hapticd.service._signals import Signals
 from hapticd.service.access import Rules
 from hapticd.service.api import ApiServer
 from hapticd.service.daemon import Daemon, source_name
@@ -31,7 +32,6 @@ from hapticd.service.journal import JournalHandler, stderr_is_journal
 from hapticd.service.latch import FaultLatch, is_service
 from hapticd.service.notify import Notifier
 from hapticd.service.refusals import DriverFailure, Refused
-from hapticd.service.signals import Signals
 from hapticd.service.socket import SocketError, bind, claim, group_id, stop_path
 from hapticd.servo.authority import Withdrawn
 from hapticd.stability import regions
@@ -187,7 +187,7 @@ def run_foreground(
             has replaced this one.
     """
     console = Console(file=sink.stream, quiet=quiet)
-    _log_to(console, sink)
+    log_to(console, sink)
     signals = Signals()
     descriptors.prepare()
     path = socket or Path(config.api.socket)
@@ -258,7 +258,8 @@ def _recover(config: Config, name: str) -> None:
         log.warning("%s; its last %d rows are in %s", found.reason, found.rows, found.run)
 
 
-def _log_to(console: Console, sink: Sink) -> None:
+def log_to(console: Console, sink: Sink) -> None:
+    """Write the log to a sink: warnings alone on a quiet console."""
     level = logging.WARNING if console.quiet else logging.INFO
     handler: logging.Handler = logging.StreamHandler(sink.stream)
     text = "%(levelname)s %(message)s"

@@ -1,7 +1,7 @@
 """The daemon's Unix sockets: group and mode are set before any connection, and a file is removed only if it is our own.
 
 Two daemons must not use the same path, and the file of a killed daemon must not prevent the next start. So the check
-whether a daemon answers on either socket, and the bind, are done with the daemon's lock (`hapticd.service.lock`), which is
+whether a daemon answers on either socket, and the bind, are done with the daemon's lock (`hapticd.service._lock`), which is
 held as long as the control socket. A socket that was removed is bound again (`BoundSocket.rebind`, called by
 `hapticd.service.self_check`), unless another daemon answers there.
 """
@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hapticd.config import paths
-from hapticd.service.lock import DaemonLock, HeldError
+from hapticd.service._lock import DaemonLock, HeldError
 
 MAX_PATH_BYTES = 107
 """``sun_path`` has 108 bytes, including the final zero."""

@@ -74,7 +74,8 @@ def _end(words: NDArray[Any]) -> None:
 
 
 @njit("void(int64[::1], int64)", counted=False)
-def _faulted(words: NDArray[Any], now_ns: int) -> None:
+def faulted(words: NDArray[Any], now_ns: int) -> None:
+    """A fault was raised now: a clear that was sent before does not clear it."""
     atomic_max(words, FAULTED, now_ns)
 
 
@@ -209,7 +210,7 @@ class Authority:
 
     def faulted(self) -> None:
         """A fault was raised while no loop runs: a clear that was sent before does not clear it."""
-        _faulted(self.words, time.monotonic_ns())
+        faulted(self.words, time.monotonic_ns())
 
     def end(self) -> None:
         """Revoke every command for ever."""

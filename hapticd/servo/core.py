@@ -49,7 +49,8 @@ def _load(shared: NDArray[Any], index: int) -> int:
 
 
 @njit(numba.void(numba.from_dtype(SERVO), numba.int64[::1], numba.from_dtype(PARAMS)), counted=False)
-def _publish(servo: Any, shared: NDArray[Any], params: Any) -> None:
+def publish(servo: Any, shared: NDArray[Any], params: Any) -> None:
+    """Hand a parameter set over to the loop, which takes it whole in its next tick."""
     sequence = shared[atomics.SEQUENCE] + 1
     fence_release()  # the number of the previous set must be visible before its slot is written again
     servo.mailbox[sequence & 1] = params
@@ -205,7 +206,7 @@ class ServoCore:
 
     def publish(self, params: np.void) -> int:
         """Publish a complete parameter set to the loop; returns its sequence number (one publisher at a time)."""
-        _publish(self.memory[0], self.shared, params)
+        publish(self.memory[0], self.shared, params)
         return int(self.shared[atomics.SEQUENCE])
 
     def load(self, index: int) -> int:

@@ -13,9 +13,9 @@ import numpy as np
 from drivers.interface import STATUS_ENABLED, STATUS_HELD
 from hapticd.jit import atomic_load, atomic_max, atomic_store, njit
 from hapticd.servo import atomics, authority, faults
+from hapticd.servo._passivity import forget_energy
 from hapticd.servo.law import begin_softly
 from hapticd.servo.layout import FAULT, FAULT_ON_OVERRUN, OFF, READY, RUNNING
-from hapticd.servo.passivity import forget_energy
 
 
 @njit(inline=True, counted=False)

@@ -3,7 +3,7 @@
     F_V = −K Δ (⌊x/Δ⌋ + ½) − B v,   ⌊x/Δ⌋ = ⌊(raw − origin) / N⌋                (eq. 2)
     F   = s F_V + (1 − s) F_held,   s from 0 to 1 over `safety.soft_start_s`
 
-with Δ = N raw counts and v estimated by `hapticd.servo.damping`. The floor functions of encoder and decimation combine,
+with Δ = N raw counts and v estimated by `hapticd.servo._damping`. The floor functions of encoder and decimation combine,
 ⌊⌊x/δ⌋/N⌋ = ⌊x/(N δ)⌋, so decimation is exact, also below zero. F_held is 0 when running begins, and the previous spring
 after a change: `docs/decisions/0071-soft-start.md`.
 """

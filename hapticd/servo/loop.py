@@ -22,15 +22,15 @@ from hapticd.record.schema import (
     ROW,
 )
 from hapticd.servo import atomics, authority
+from hapticd.servo._command import leave, write_current, write_zero
+from hapticd.servo._passivity import show_energy
+from hapticd.servo._render import render
+from hapticd.servo._sync import wait_for_sync
 from hapticd.servo.clock import grid_instant, now_ns, sleep_until
-from hapticd.servo.command import leave, write_current, write_zero
 from hapticd.servo.follow import follow_current
 from hapticd.servo.gate import check_exchange, check_load, count_late, step_mode, take_counts
 from hapticd.servo.law import coarse_ticks, renew_law
 from hapticd.servo.layout import FAULT, OFF, PASSIVITY_OFF, RETURN_RUNAWAY, RETURN_STOPPED, RETURN_TICKS, RUNNING, SERVO
-from hapticd.servo.passivity import show_energy
-from hapticd.servo.render import render
-from hapticd.servo.sync import wait_for_sync
 from hapticd.servo.timing import count
 
 _RUNAWAY_TICKS = 1_000_000_000

@@ -17,9 +17,9 @@ import numpy as np
 
 from hapticd.config import Config
 from hapticd.config.assumed import assumed
+from hapticd.stability._damped import Damped, damped
 from hapticd.stability.cautions import cautions
 from hapticd.stability.criterion import criterion_margin, sampling_bound_ok, velocity_limit
-from hapticd.stability.damped import Damped, damped
 from hapticd.stability.describing_function import LimitCycle, predicted_cycle, settled_cycle
 from hapticd.stability.explore import CHECK, Effort, explore
 from hapticd.stability.explored import Explored

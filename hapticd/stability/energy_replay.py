@@ -130,7 +130,7 @@ def _correct(r: Any, dt: float) -> None:
 
 @njit(types.void(_replay, types.int64), inline=True, counted=False)
 def _observe(r: Any, counts: int) -> None:
-    """The energies of `hapticd.servo.passivity` in the period before a row."""
+    """The energies of `hapticd.servo._passivity` in the period before a row."""
     before, now = (r.counts + 0.5) * r.model.count, (counts + 0.5) * r.model.count
     work = r.current * r.model.torque_constant * (now - before)
     r.energies.put_out += work

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.plant.exact import phi_functions
+from hapticd.stability._current_loop import lagged
 from hapticd.stability.criterion import lambda_
-from hapticd.stability.current_loop import lagged
 from hapticd.stability.whole_loop import is_bare
 
 FloatArray = NDArray[np.float64]

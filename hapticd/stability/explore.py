@@ -125,7 +125,7 @@ def explore_loop(
     jobs: int | None = 1,
 ) -> Explored:
     """Explore a loop, (1,) of `LOOP`, from starts with at most the energy of ``reach`` ticks at rest, within ±``widest``."""
-    return _explored(record.tobytes(), motion, reach, widest, effort, skip, jobs)
+    return explored_record(record.tobytes(), motion, reach, widest, effort, skip, jobs)
 
 
 def admitted(
@@ -147,7 +147,7 @@ def admitted(
 
 
 @functools.lru_cache(maxsize=128)
-def _explored(
+def explored_record(
     record: bytes,
     motion: tuple[float, float] | None,
     reach: float,
@@ -156,6 +156,7 @@ def _explored(
     skip: int,
     jobs: int | None,
 ) -> Explored:
+    """`explore_loop` of a loop's bytes, of which the last results are kept."""
     loop = np.frombuffer(record, LOOP)
     starts, runs, answers = [], [], []
     bare = loop.copy()

@@ -28,8 +28,8 @@ from typing import TYPE_CHECKING
 
 from hapticd.config.assumed import assumed
 from hapticd.effects.catalogue import CATALOGUE
+from hapticd.stability._current_loop import current_loop, lagged
 from hapticd.stability.criterion import lambda_
-from hapticd.stability.current_loop import current_loop, lagged
 from hapticd.stability.damping import damper_from_config
 
 if TYPE_CHECKING:

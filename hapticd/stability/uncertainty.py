@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from hapticd.stability._damped import damped
 from hapticd.stability.assessment import CALM, Assessment
 from hapticd.stability.criterion import criterion_margin
-from hapticd.stability.damped import damped
 from hapticd.stability.draws import PARAMETERS, deviations, moved, normals
 from hapticd.stability.explore import DRAW, explore
 from hapticd.stability.numbers import Loop

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from hapticd.jit import njit
 from hapticd.plant.amplifier import converter_grid
 from hapticd.plant.lagged import overshoot
-from hapticd.stability.current_loop import current_loop
-from hapticd.stability.damped import sprung
+from hapticd.stability._current_loop import current_loop
+from hapticd.stability._damped import sprung
 from hapticd.stability.damping import passive_viscous, velocity_filter
 from hapticd.stability.numbers import Dimensionless, Loop
 from hapticd.stability.outcome import STRETCHES

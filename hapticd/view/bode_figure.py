@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapticd.figures.style import BLUE, GREY, INK, ORANGE, style
+from hapticd.view._figure import RunFigure
 from hapticd.view.bode import SEEN
-from hapticd.view.figure import RunFigure
 
 if TYPE_CHECKING:
     from hapticd.view.bode import Bode, Curve, FloatArray

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from hapticd.config import ConfigError, Problem, load_config
-from sim_hw.process import add_common_options, run_device
+from sim_hw._process import add_common_options, run_device
 
 _SETTING = re.compile(r"(0[xX][0-9a-fA-F]{4})(?::(\d+))?=(-?(?:0[xX][0-9a-fA-F]+|\d+))")
 

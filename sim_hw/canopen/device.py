@@ -7,16 +7,16 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from hapticd.plant import kernel
+from sim_hw._motion import log_row
+from sim_hw._plant import build_sim
+from sim_hw.canopen import _mapping, _node, _pdo, _sending, _timeline
 from sim_hw.canopen import dictionary as codes
 from sim_hw.canopen import layout as w
-from sim_hw.canopen import mapping, node, pdo, sending, timeline
+from sim_hw.canopen._drive import take_up
+from sim_hw.canopen._power import CYCLIC_TORQUE, DESIRED_PROGRAMMED_CURRENT
+from sim_hw.canopen._sdo import SdoServer
 from sim_hw.canopen.dictionary import AbortError, ObjectDictionary
-from sim_hw.canopen.drive import take_up
-from sim_hw.canopen.power import CYCLIC_TORQUE, DESIRED_PROGRAMMED_CURRENT
-from sim_hw.canopen.sdo import SdoServer
 from sim_hw.log import END, START
-from sim_hw.motion import log_row
-from sim_hw.plant import build_sim
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -83,7 +83,7 @@ class Drive:
         self.objects = ObjectDictionary(self.machine.d, node_id, values, missing)
         self._sdo = SdoServer(self.read, self.write)
         self._node_id = node_id
-        mapping.compile_pdos(self.objects, self.machine.d)
+        _mapping.compile_pdos(self.objects, self.machine.d)
         start_ns = int(self.machine.sim.i[kernel.TIME_NS])
         log_row(self.machine.sim, start_ns, START, node_id, 0)
         self.machine.d[w.TIMER + w.WAKE_TIMER] = start_ns
@@ -91,7 +91,7 @@ class Drive:
     def end(self) -> None:
         """The last row of the log."""
         now = time.monotonic_ns()
-        timeline.advance(self.machine, now)
+        _timeline.advance(self.machine, now)
         log_row(self.machine.sim, now, END, 0, 0)
 
     def attend(self) -> None:
@@ -99,14 +99,14 @@ class Drive:
         d = self.machine.d
         if d[w.RESET]:
             self.objects.load_defaults(_MANUFACTURER_AREA if d[w.RESET] == w.RESET_COMMUNICATION else 0x10000)
-            mapping.compile_pdos(self.objects, d)
+            _mapping.compile_pdos(self.objects, d)
             self._sdo.reset()
             d[w.RESET] = w.NO_RESET
         for low, data in self.machine.sdo[: d[w.SDO_COUNT]].tolist():
             request = (data & (1 << 64) - 1).to_bytes(8, "little")[: (low >> 32) & 0xFF]
             if reply := self._sdo.answer(request):
                 cob_id, value = _SDO_SERVER + self._node_id, int.from_bytes(reply, "little", signed=True)
-                sending.send(self.machine, sending.SDO_REPLY, cob_id, 8, value, time.monotonic_ns())
+                _sending.send(self.machine, _sending.SDO_REPLY, cob_id, 8, value, time.monotonic_ns())
         d[w.SDO_COUNT] = 0
 
     def read(self, index: int, subindex: int) -> bytes:
@@ -116,7 +116,7 @@ class Drive:
             AbortError: the access is refused.
         """
         if index in _MEASURED:
-            pdo.refresh_inputs(self.machine, time.monotonic_ns())
+            _pdo.refresh_inputs(self.machine, time.monotonic_ns())
         return self.objects.read(index, subindex)
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
@@ -126,23 +126,23 @@ class Drive:
             AbortError: the access is refused; then nothing has changed.
         """
         value = self.objects.decode(index, subindex, data)
-        if mapping.is_pdo_object(index):
-            mapping.check_pdo_write(self.objects, index, subindex, value)
+        if _mapping.is_pdo_object(index):
+            _mapping.check_pdo_write(self.objects, index, subindex, value)
         else:
             self._check(index, subindex, value)
         if index == 0x2183:
             value = self.objects[index, 0] & ~value
         self.objects[index, subindex] = value
-        if mapping.is_pdo_object(index):
-            mapping.compile_pdos(self.objects, self.machine.d)
+        if _mapping.is_pdo_object(index):
+            _mapping.compile_pdos(self.objects, self.machine.d)
             return
         now = time.monotonic_ns()
         if index == 0x1017:
-            node.restart_heartbeat(self.machine, now)
+            _node.restart_heartbeat(self.machine, now)
         if index in (0x1005, 0x1006):
-            node.restart_sync(self.machine, now)
+            _node.restart_sync(self.machine, now)
         take_up(self.machine, index == 0x6040, now)
-        pdo.transmit_events(self.machine, now)
+        _pdo.transmit_events(self.machine, now)
 
     def _check(self, index: int, subindex: int, value: int) -> None:
         """Rules for single objects in addition to their range in the EDS."""

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from hapticd.jit import njit
 from sim_hw import layout as common
+from sim_hw._clock import POLLERR, POLLHUP, POLLIN, monotonic_ns, pollfd, returned_events, wait_readable
 from sim_hw.canopen import layout as w
+from sim_hw.canopen._receiving import let_go, receive
+from sim_hw.canopen._sending import FRAME_BYTES
+from sim_hw.canopen._timeline import next_wake
 from sim_hw.canopen.layout import MACHINE, Machine
-from sim_hw.canopen.receiving import let_go, receive
-from sim_hw.canopen.sending import FRAME_BYTES
-from sim_hw.canopen.timeline import next_wake
-from sim_hw.clock import POLLERR, POLLHUP, POLLIN, monotonic_ns, pollfd, returned_events, wait_readable
 from sim_hw.layout import I64, INTS
 
 CLIENTS = 4

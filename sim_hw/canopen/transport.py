@@ -13,10 +13,10 @@ import numpy as np
 
 from sim_hw import layout as common
 from sim_hw.canopen import layout as w
-from sim_hw.canopen.receiving import let_go, receive
-from sim_hw.canopen.sending import ERROR, EXTENDED, REMOTE, header
+from sim_hw.canopen._receiving import let_go, receive
+from sim_hw.canopen._sending import ERROR, EXTENDED, REMOTE, header
+from sim_hw.canopen._timeline import next_wake
 from sim_hw.canopen.serve import CLIENTS, DESCRIPTOR_WORDS, LISTENER, hang_up, serve
-from sim_hw.canopen.timeline import next_wake
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -11,17 +11,17 @@ from hapticd.config import ConfigError, Problem
 from hapticd.plant import kernel
 from sim_hw import layout as w
 from sim_hw import log
-from sim_hw.firmware.emulator import EmulatorError
-from sim_hw.firmware.layout import BOARD, FRAMED
-from sim_hw.firmware.output import lose_power, show_inputs, take_outputs
-from sim_hw.firmware.service import BOARD_GONE, PLUG_IN, POWER_OFF, POWER_ON, STOPPED, UNPLUG, serve
-from sim_hw.motion import log_row, set_current
-from sim_hw.plant import end_log
+from sim_hw._motion import log_row, set_current
+from sim_hw._plant import end_log
+from sim_hw.firmware._emulator import EmulatorError
+from sim_hw.firmware._layout import BOARD, FRAMED
+from sim_hw.firmware._output import lose_power, show_inputs, take_outputs
+from sim_hw.firmware._service import BOARD_GONE, PLUG_IN, POWER_OFF, POWER_ON, STOPPED, UNPLUG, serve
 from sim_hw.serial_board import layout as b
 
 if TYPE_CHECKING:
     from hapticd.config import Config
-    from sim_hw.firmware.emulator import Board, Emulator
+    from sim_hw.firmware._emulator import Board, Emulator
     from sim_hw.layout import Sim
     from sim_hw.script import Script
     from sim_hw.serial_board.port import Port

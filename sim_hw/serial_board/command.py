@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hapticd.config import load_config
-from sim_hw.process import add_common_options, run_device
+from sim_hw._process import add_common_options, run_device
 
 
 def add_parser(devices: Any) -> None:

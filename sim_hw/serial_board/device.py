@@ -10,10 +10,10 @@ import numpy as np
 from hapticd.config import ConfigError, Problem
 from sim_hw import layout as w
 from sim_hw import log
-from sim_hw.motion import log_row
-from sim_hw.plant import end_log
+from sim_hw._motion import log_row
+from sim_hw._plant import end_log
 from sim_hw.serial_board import layout as b
-from sim_hw.serial_board.board import disable
+from sim_hw.serial_board._board import disable
 from sim_hw.serial_board.service import STOPPED, UNPLUG, serve
 
 if TYPE_CHECKING:

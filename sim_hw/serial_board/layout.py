@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from hapticd.jit import njit
 from sim_hw import kinds, log
 from sim_hw import layout as w
-from sim_hw.faults import next_event_ns
+from sim_hw._faults import next_event_ns
+from sim_hw._motion import log_row
+from sim_hw._plant import build_sim
 from sim_hw.layout import BYTES, I64, INTS, SIM, Sim
-from sim_hw.motion import log_row
-from sim_hw.plant import build_sim
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -80,7 +80,7 @@ class Line(NamedTuple):
     """Scratch memory of the line.
 
     Attributes:
-        page: (PAGE_WORDS,) uint32, shared with an emulated board (:mod:`sim_hw.firmware.page`); else empty.
+        page: (PAGE_WORDS,) uint32, shared with an emulated board (:mod:`sim_hw.firmware._page`); else empty.
         buffer: (BUFFER_BYTES,) uint8, for ``read``. raw: (64,) the frame being received from the host.
         payload, wire: (64,) a received payload, a frame to send.
         reply: (64,) a payload to send, or the frame being received from an emulated board.

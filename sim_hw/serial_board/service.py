@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from hapticd.jit import atomic_load, njit
 from sim_hw import kinds, log
 from sim_hw import layout as w
-from sim_hw.clock import POLLHUP, POLLIN, monotonic_ns, pollfd, read, returned_events, wait_readable
-from sim_hw.faults import begin_fault, pass_frame
-from sim_hw.held import next_held, release, take
+from sim_hw._clock import POLLHUP, POLLIN, monotonic_ns, pollfd, read, returned_events, wait_readable
+from sim_hw._faults import begin_fault, pass_frame
+from sim_hw._held import next_held, release, take
+from sim_hw._motion import log_row, move_to
 from sim_hw.layout import BYTES, I64, SIM, Sim
-from sim_hw.motion import log_row, move_to
 from sim_hw.serial_board import layout as b
-from sim_hw.serial_board.board import handle, latch_fault, let_go, power_up, reboot, trip_watchdog
+from sim_hw.serial_board._board import handle, latch_fault, let_go, power_up, reboot, trip_watchdog
+from sim_hw.serial_board._sending import put_on_line, send_garbage
 from sim_hw.serial_board.framing import LONGEST_FRAME, decode
 from sim_hw.serial_board.layout import LINE, Line, next_due_ns
-from sim_hw.serial_board.sending import put_on_line, send_garbage
 
 STOPPED, UNPLUG, PLUG_IN = 0, 1, 2
 """Reasons to return."""

@@ -104,7 +104,7 @@ def test_a_file_is_not_mistaken_for_a_device(hapticd: Run, tmp_path: Path) -> No
 
 def test_the_drivers_declared_latency_is_added(hapticd: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     entries = {name: EntryPoint(name, value, "hapticd.drivers") for name, value in BOARDS.items()}
-    monkeypatch.setattr("drivers.registry._entry_points", lambda: entries)
+    monkeypatch.setattr("drivers.registry.installed_drivers", lambda: entries)
     found = hapticd("check", *RIG, "--set", "driver.name=board", "--json").document
     assert found["tau_d"] == pytest.approx(10.0)
     missing = hapticd("check", *RIG, "--set", "driver.name=bord", "--json").document

@@ -310,8 +310,8 @@ def test_nothing_is_sent_to_a_socket_in_a_folder_that_others_may_change(
     hapticd: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
-    monkeypatch.setattr("hapticd.config.paths._SERVICE_RUNTIME", tmp_path / "missing")
-    monkeypatch.setattr("hapticd.config.paths._TEMPORARY", tmp_path)
+    monkeypatch.setattr("hapticd.config.paths.SERVICE_RUNTIME", tmp_path / "missing")
+    monkeypatch.setattr("hapticd.config.paths.TEMPORARY", tmp_path)
     own = tmp_path / f"hapticd-{os.getuid()}"
     with serve(FakeControl(), own / "hapticd.sock"):
         assert hapticd("status").code == 0

@@ -47,7 +47,7 @@ def test_installed_pages_are_found_where_the_installer_put_them(
         def locate(self) -> Path:
             return tmp_path / Path(*self.parts[3:])
 
-    monkeypatch.setattr(fault_pages, "_CHECKOUT", tmp_path / "nothing")
+    monkeypatch.setattr(fault_pages, "CHECKOUT", tmp_path / "nothing")
     monkeypatch.setattr(
         fault_pages,
         "files",

@@ -66,7 +66,7 @@ def test_own_daemon_goes_before_the_service_and_the_service_before_nothing(
     hapticd: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr(paths, "_SERVICE_RUNTIME", tmp_path / "service")
+    monkeypatch.setattr(paths, "SERVICE_RUNTIME", tmp_path / "service")
     (tmp_path / "service").mkdir()
     service = paths.service_socket()
     assert f"no daemon answers on {tmp_path / 'hapticd.sock'}" in hapticd("status").err

@@ -141,7 +141,7 @@ def test_a_fault_of_the_way_to_the_device_is_not_taken_for_the_loops(code: str) 
             return {"fault": {"code": code, "cause": "3 exchanges failed"}}
 
     with pytest.raises(StepError, match=f"{code} ended the motion first: 3 exchanges failed"):
-        limits._fault(Daemon())  # type: ignore[arg-type]
+        limits.fault_of(Daemon())  # type: ignore[arg-type]
 
 
 @pytest.mark.realtime

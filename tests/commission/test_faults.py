@@ -98,15 +98,15 @@ def test_an_interrupted_step_leaves_zero_current_and_the_state(tmp_path: Path, m
     with rig_of(config, config, {}, tmp_path, virtual=True) as rig:
         run.commission(rig, only=("doctor", "zero_current", "by_hand"))
         commands: list[tuple[float, int]] = []
-        send = Bench._send
+        send = Bench.send
 
-        monkeypatch.setattr(Bench, "_limited", _interrupted_by(8))
+        monkeypatch.setattr(Bench, "limited", _interrupted_by(8))
 
         def sends(bench: Bench, current: float, enable: int) -> None:
             commands.append((current, enable))
             send(bench, current, enable)
 
-        monkeypatch.setattr(Bench, "_send", sends)
+        monkeypatch.setattr(Bench, "send", sends)
         with pytest.raises(KeyboardInterrupt):
             run.commission(rig, only=("sign",))
         assert any(current for current, _ in commands)
@@ -143,7 +143,7 @@ def test_the_page_needs_nothing_else_and_escapes_what_it_quotes(tmp_path: Path) 
 
 
 def _interrupted_by(nonzero: int) -> Any:
-    """A `Bench._limited` under which Ctrl-C comes once so many currents have been asked for."""
+    """A `Bench.limited` under which Ctrl-C comes once so many currents have been asked for."""
     seen: list[float] = []
 
     def limited(bench: Bench, current: float) -> float:

@@ -143,9 +143,9 @@ def test_places_come_from_the_environment(
 
 def test_socket_without_a_runtime_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
-    monkeypatch.setattr("hapticd.config.paths._SERVICE_RUNTIME", tmp_path)
+    monkeypatch.setattr("hapticd.config.paths.SERVICE_RUNTIME", tmp_path)
     assert Config().api.socket == str(tmp_path / "hapticd.sock")
-    monkeypatch.setattr("hapticd.config.paths._SERVICE_RUNTIME", tmp_path / "missing")
+    monkeypatch.setattr("hapticd.config.paths.SERVICE_RUNTIME", tmp_path / "missing")
     assert Config().api.socket.startswith("/tmp/hapticd-")
 
 

@@ -16,8 +16,8 @@ from hapticd.service.socket import SocketError, bind
 @pytest.fixture
 def open_to_all(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """Stands for /tmp and /dev/shm."""
-    monkeypatch.setattr("hapticd.config.paths._TEMPORARY", tmp_path)
-    monkeypatch.setattr("hapticd.config.paths._SHARED_MEMORY", tmp_path)
+    monkeypatch.setattr("hapticd.config.paths.TEMPORARY", tmp_path)
+    monkeypatch.setattr("hapticd.config.paths.SHARED_MEMORY", tmp_path)
     return tmp_path
 
 

@@ -130,10 +130,10 @@ def test_wrong_polarity(tmp_path: Path) -> None:
 
 def test_inverted_encoder_turns_the_direction_round() -> None:
     straight, inverted = (parse_config({"encoder": {"invert": invert}}, "test") for invert in (False, True))
-    assert board._direction(100, straight).level is Level.GOOD
-    assert board._direction(-100, inverted).level is Level.GOOD
-    assert "encoder.invert: false" in board._direction(100, inverted).fix
-    assert board._direction(0, straight).level is Level.NOTE
+    assert board.direction_of(100, straight).level is Level.GOOD
+    assert board.direction_of(-100, inverted).level is Level.GOOD
+    assert "encoder.invert: false" in board.direction_of(100, inverted).fix
+    assert board.direction_of(0, straight).level is Level.NOTE
 
 
 def test_a_board_that_falls_silent(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.cli.latency import _text
+from hapticd.cli.latency import report
 from hapticd.cli.main import main
 from hapticd.doctor.latency import LatencyResult, RateResult
 
@@ -36,13 +36,13 @@ def test_a_missed_period_ends_it_whatever_comes_above() -> None:
 
 def test_the_words_say_what_decided() -> None:
     rates = (rate(500, 10), rate(1000, 10, missed=2), rate(2000, 900))
-    text = _text(LatencyResult("loopback", 0.0, rates, {}, ()), 1000.0, False, False)
+    text = report(LatencyResult("loopback", 0.0, rates, {}, ()), 1000.0, False, False)
     assert "1000 Hz: the loop does not keep up: 2 periods missed; lateness and execution take 2 % of a period" in text
     assert "2000 Hz: the loop" not in text
     assert text.splitlines()[-1].startswith(
         "The highest rate that holds, with half a period to spare at p99.9, is 500 Hz."
     )
-    slow = _text(LatencyResult("loopback", 0.0, (rate(1000, 300),), {}, ()), 1000.0, False, False)
+    slow = report(LatencyResult("loopback", 0.0, (rate(1000, 300),), {}, ()), 1000.0, False, False)
     assert "1000 Hz: the loop keeps up without margin: lateness and execution take 60 % of a period" in slow
 
 

@@ -34,7 +34,7 @@ from drivers.interface import (
     X_STATUS,
     X_TIME_NS,
 )
-from drivers.registry import _entry_points
+from drivers.registry import installed_drivers
 from hapticd.cli.main import main
 from hapticd.config import Config, parse_config
 from hapticd.jit import call_driver, njit
@@ -151,9 +151,9 @@ def _example_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
     group = "hapticd.drivers"
     points = EntryPoints(EntryPoint(name, value, group) for name, value in project["entry-points"][group].items())
-    installed = {**_entry_points(), **{point.name: point for point in points}}
+    installed = {**installed_drivers(), **{point.name: point for point in points}}
     monkeypatch.syspath_prepend(EXAMPLE)
-    monkeypatch.setattr("drivers.registry._entry_points", lambda: installed)
+    monkeypatch.setattr("drivers.registry.installed_drivers", lambda: installed)
 
 
 @pytest.fixture(params=BENCHES)

@@ -29,7 +29,7 @@ def _installed(monkeypatch: pytest.MonkeyPatch) -> None:
     group = "hapticd.drivers"
     points = EntryPoints(EntryPoint(name, value, group) for name, value in project["entry-points"][group].items())
     monkeypatch.syspath_prepend(FOLDER)
-    monkeypatch.setattr("drivers.registry._entry_points", lambda: {point.name: point for point in points})
+    monkeypatch.setattr("drivers.registry.installed_drivers", lambda: {point.name: point for point in points})
 
 
 def config(**options: Any) -> Config:

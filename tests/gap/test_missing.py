@@ -176,7 +176,7 @@ def test_a_number_of_which_one_block_knows_all_does_not_spoil_that_block() -> No
     series = SimpleNamespace(fold=np.arange(20) % constants.FOLDS, block=block)
     fit = cast("Fit", SimpleNamespace(out=out, problem=SimpleNamespace(series=series)))
     whole = np.concatenate([answer, own], axis=1)
-    shift = np.sum(whole * missing._held_out_coefficients(fit, whole)[series.fold[block]], axis=1)
+    shift = np.sum(whole * missing.held_out_coefficients(fit, whole)[series.fold[block]], axis=1)
     gain = np.bincount(block, shift * score - 0.5 * shift**2)
     assert gain.sum() > 30.0
     assert gain[0] > -5.0

@@ -18,7 +18,7 @@ from hapticd.commission.step import DisturbedError
 from hapticd.config import apply_settings
 from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.device import Device
-from hapticd.hil.matrix import _with_current, with_enable
+from hapticd.hil.matrix import with_current, with_enable
 from tests.drivers.canopen.test_both_drives import SWITCH
 from tests.hil.test_hil import TRANSPORTS, config
 from tests.hil.test_other_drive import OtherDrive
@@ -54,7 +54,7 @@ def play(transport: str, kind: type[Device], start: dict[str, Any], folder: Path
     Raises:
         DisturbedError: this machine ended the motion before the hand did, or let it not begin.
     """
-    rig = with_enable(_with_current(config(TRANSPORTS[transport], rate_hz=100.0)))
+    rig = with_enable(with_current(config(TRANSPORTS[transport], rate_hz=100.0)))
     rig = apply_settings(rig, {"safety.missed_exchanges": 50, "safety.guard": "off"}, source="a busy machine")
     device = kind(rig, folder, script={"start": start, "faults": SWITCH})
     with device:

@@ -12,7 +12,7 @@ from hapticd.config import Config, parse_config
 from hapticd.hil.cases import FIG_8, FIRMWARE_CONFIG, FIRMWARE_RATE_HZ, slower_case, slower_rig
 from hapticd.hil.errors import HilError
 from hapticd.hil.injections import INJECTIONS
-from hapticd.hil.matrix import _with_current, run_injection
+from hapticd.hil.matrix import run_injection, with_current
 from hapticd.hil.suite import run_suite
 from hapticd.stability.numbers import loop_from_config
 from tests.firmware.builds import require
@@ -80,7 +80,7 @@ def test_case_c_stops_as_simulated(tmp_path: Path) -> None:
 def test_a_fault_ends_the_current(board: str, name: str, tmp_path: Path) -> None:
     require(board)
     (injection,) = [one for one in INJECTIONS if one.name == name]
-    config = slower_rig(_with_current(rig(400)), 1000.0, FIRMWARE_RATE_HZ)
+    config = slower_rig(with_current(rig(400)), 1000.0, FIRMWARE_RATE_HZ)
     try:
         row = run_injection(config, injection, tmp_path, board)
     except HilError as error:

@@ -21,7 +21,7 @@ from hapticd.hil.device import Device
 from hapticd.hil.device_log import COMMAND, FAULT_INJECTED, SAMPLE, DeviceLog
 from hapticd.hil.errors import HilError
 from hapticd.hil.injections import INJECTIONS
-from hapticd.hil.matrix import _with_current, detection_s, run_injection, run_matrix
+from hapticd.hil.matrix import detection_s, run_injection, run_matrix, with_current
 from hapticd.hil.suite import run_suite
 from hapticd.record import read_run
 from hapticd.stability.guard import judge
@@ -104,7 +104,7 @@ def test_case_d_grows_although_the_guard_would_refuse_it(tmp_path: Path) -> None
 def test_a_fault_ends_the_current(transport: str, name: str, tmp_path: Path) -> None:
     (injection,) = [one for one in INJECTIONS if one.name == name]
     try:
-        row = run_injection(_with_current(config(TRANSPORTS[transport])), injection, tmp_path)
+        row = run_injection(with_current(config(TRANSPORTS[transport])), injection, tmp_path)
     except HilError as error:
         if "this machine is too busy" not in str(error):
             raise

@@ -174,7 +174,7 @@ LIMIT = "unpacks to more than [1-3] MiB"
 @pytest.fixture
 def small_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """1 MiB instead of 256, so that a bomb is packed quickly."""
-    monkeypatch.setattr("hapticd.record.sizes._LEAST", 1 << 20)
+    monkeypatch.setattr("hapticd.record.sizes.LEAST", 1 << 20)
 
 
 def test_a_dictionary_cannot_bring_compressed_values_in(tmp_path: Path) -> None:

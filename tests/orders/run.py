@@ -199,7 +199,7 @@ class Api:
 
     def serve(self, control: daemon.Daemon) -> None:
         """The thread of the event loop."""
-        answers = {name: api._answering(_ENDPOINTS[name], control, None) for name in _ENDPOINTS}
+        answers = {name: api.answering(_ENDPOINTS[name], control, None) for name in _ENDPOINTS}
         scheduler = self.machine.scheduler
 
         async def app(scope: Any, receive: Any, send: Any) -> None:
@@ -484,7 +484,7 @@ class Run:
             (rig, "opened_driver", self._opened),
             (authority.Authority, "arrived", lambda *given, **named: self._arrived_in_place(*given, **named)),
             (authority.Command, "begin", lambda command, publish: self._begin_in_place(command, publish)),
-            (authority, "_faulted", self._faulted_in_place),
+            (authority, "faulted", self._faulted_in_place),
             (authority, "_load", self._load_in_place),
             (authority, "stop", lambda *now: self._stop_in_place(self.api.arriving, "stop", *now)),
             (authority, "estop", lambda *now: self._stop_in_place(self.api.arriving, "estop", *now)),
@@ -502,7 +502,7 @@ class Run:
             raise Violation(f"failed: the log says {errors[0]}")
 
 
-_FAULTED = authority._faulted
+_FAULTED = authority.faulted
 STORES: Final = {"stop": authority.stop, "estop": authority.estop}
 
 

@@ -198,7 +198,7 @@ def test_a_broken_ring_stops_the_recording_and_the_thread_lives_on(
 
 def test_status_answers_while_the_disk_hangs(recorder: Recorder, monkeypatch: pytest.MonkeyPatch) -> None:
     recorder.start()
-    monkeypatch.setattr("hapticd.record.recorder._LOCK_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("hapticd.record.recorder.LOCK_TIMEOUT_S", 0.05)
     with recorder._lock:
         assert recorder.status()["state"] == "recording"
         with pytest.raises(RecordingError, match="the disk has not answered for"):
@@ -290,14 +290,14 @@ def test_what_was_accepted_and_not_yet_written_is_in_the_new_file(recorder: Reco
     with recorder._lock:
         assert recorder._writer is not None
         ring.push(50)
-        recorder._pull()
+        recorder.pull()
         recorder._writer.flush()
         ring.push(60)
-        recorder._pull()
+        recorder.pull()
         assert (recorder._writer.rows_written, recorder._writer.rows) == (50, 110)
         recorder._writer.annotate({"event": "set", "changed": {"a": 1}})
         path.unlink()
-        recorder._pull()
+        recorder.pull()
     new = recorder.stop()
     assert new is not None
     run = read_run(new)
@@ -324,7 +324,7 @@ def test_where_there_can_be_no_new_file_the_recording_has_failed_and_says_why(
 def test_a_file_that_is_always_taken_away_ends_the_recording(
     recorder: Recorder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hapticd.record.recorder._MOST_FILES", 3)
+    monkeypatch.setattr("hapticd.record.recorder.MOST_FILES", 3)
     recorder.start()
     for _ in range(3):
         (path,) = recorder.directory.iterdir()
@@ -346,7 +346,7 @@ def test_a_thread_that_has_ended_is_an_error(recorder: Recorder, monkeypatch: py
         raise Ended
 
     monkeypatch.setattr(threading, "excepthook", lambda _: None)
-    monkeypatch.setattr(recorder, "_pull", end)
+    monkeypatch.setattr(recorder, "pull", end)
     wait_until(lambda: not recorder.alive()["hapticd-recorder"])
     monkeypatch.undo()
     status = recorder.status()

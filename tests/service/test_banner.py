@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from hapticd.service.foreground import _log_to, banner, live_line
+from hapticd.service.foreground import banner, live_line, log_to
 from hapticd.service.latch import FaultLatch
 from hapticd.service.sink import Sink
 from tests.polling import PATIENCE_S
@@ -77,7 +77,7 @@ def test_a_log_line_on_a_terminal_says_its_level_once() -> None:
     before, root.handlers = root.handlers, []
     try:
         written = io.StringIO()
-        _log_to(Console(file=written, force_terminal=True, no_color=True, width=100), sink)
+        log_to(Console(file=written, force_terminal=True, no_color=True, width=100), sink)
         (handler,) = root.handlers
         handler.handle(logging.LogRecord("hapticd", logging.WARNING, "", 0, "the disk is nearly full", None, None))
     finally:

@@ -248,7 +248,7 @@ def test_a_fault_that_nobody_has_noticed_yet_keeps_its_numbers_over_a_reload(
 ) -> None:
     other = tmp_path / "other.yaml"
     other.write_text("plant: {inertia: 7.0e-6}\n")
-    monkeypatch.setattr("hapticd.service.daemon._BEAT_S", 3.0)  # the supervisor looks, but late
+    monkeypatch.setattr("hapticd.service.daemon.BEAT_S", 3.0)  # the supervisor looks, but late
     with daemon_on(monkeypatch, tmp_path, lambda n: 100, safety={"max_excursion": 1.0, "guard": "off"}) as (daemon, _):
         daemon.start()
         daemon.set({"spring.origin": 3.0})

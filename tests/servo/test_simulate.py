@@ -147,7 +147,7 @@ def test_the_loopback_stands_in_for_any_driver_with_its_declared_latency(monkeyp
     assert report["final"]["position_ticks"] == pytest.approx(-0.9322, abs=5e-5)
     assert report["warnings"] == ["driver 'board' is not installed: its latency is not known and is taken as 0"]
     monkeypatch.setattr(
-        "drivers.registry._entry_points", lambda: {"board": EntryPoint("board", SLOW, "hapticd.drivers")}
+        "drivers.registry.installed_drivers", lambda: {"board": EntryPoint("board", SLOW, "hapticd.drivers")}
     )
     late = simulate(absent, 60.0, deflection=2.3)
     assert late["outcome"] == "growing"

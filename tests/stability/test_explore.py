@@ -212,7 +212,7 @@ def test_the_same_question_has_the_same_answer_in_any_number_of_threads() -> Non
     given = config(D2)
     answers = []
     for jobs in (1, 2, 3):
-        exploring._explored.cache_clear()
+        exploring.explored_record.cache_clear()
         answers.append(explore(given, motion=(0.0, 20.0), effort=replace(CHECK, periods=300_000), jobs=jobs))
     assert answers[0] == answers[1] == answers[2]
 

@@ -87,7 +87,7 @@ def _put_compiled(root: Path, kept: Path) -> None:
     ]
     _run(*python, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps", f"/home/lab/hapticd/dist/{wheel.name}")
     _run(*python, "-m", "hapticd.service.precompile", stdout=subprocess.DEVNULL)
-    _run(*python, "-c", "import sim_hw.canopen.device, sim_hw.canopen.transport, sim_hw.process, sim_hw.script")
+    _run(*python, "-c", "import sim_hw.canopen.device, sim_hw.canopen.transport, sim_hw.canopen.command, sim_hw.script")
     _run(*python, "-m", "pip", "uninstall", "--quiet", "--yes", "--root-user-action=ignore", "hapticd")
     folders = sorted(target.glob("hapticd-*"), key=lambda folder: folder.stat().st_atime)
     shutil.rmtree(kept, ignore_errors=True)

@@ -136,7 +136,7 @@ def _compiled(cache: Path, tree: Path) -> None:
     """Numba keeps the code of a folder under the folder's name and a digest of its path; see numba.core.caching."""
     from hapticd import jit
 
-    for source in {jit._cache_folder(room) for room in ("", *jit._FOLDERS)}:
+    for source in {jit.cache_folder(room) for room in ("", *jit.FOLDERS)}:
         if source.is_dir():
             shutil.copytree(source, cache / "hapticd" / source.name)
     folders = [path for part in _PARTS for path in (ROOT / part).rglob("*") if path.is_dir()]

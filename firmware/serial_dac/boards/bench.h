@@ -1,6 +1,6 @@
 /* The page of memory that an emulated board shares with `python -m sim_hw firmware`: the shaft's side of the board.
  *
- * The other reading of this layout is sim_hw/firmware/page.py. Little-endian 32-bit words.
+ * The other reading of this layout is sim_hw/firmware/_page.py. Little-endian 32-bit words.
  */
 #ifndef BENCH_H
 #define BENCH_H

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from numba import from_dtype, types
 
+from hapticd.gap.kernel._springy import blurred, touch
 from hapticd.gap.kernel.cell import lower_tail
 from hapticd.gap.kernel.device import FARTHEST_TWIST, LAWS, PERIOD, coupling_of, loosen, moving_inertia
 from hapticd.gap.kernel.modes import DOWN, HELD, MODE, RARE, STATES, STOPPED, UP, W, impact, join, spread, tie
-from hapticd.gap.kernel.springy import blurred, touch
 from hapticd.jit import njit
 from hapticd.plant.exact import propagate
 from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, index_of

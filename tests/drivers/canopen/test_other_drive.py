@@ -73,7 +73,7 @@ class Served:
 @pytest.fixture
 def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
     monkeypatch.setattr(bus, "LISTEN_S", 0.01)
-    monkeypatch.setattr(bus, "_ECHO_S", 0.01)
+    monkeypatch.setattr(bus, "ECHO_S", 0.01)
     made = Served(tmp_path / "bus")
     yield made
     made.end()

@@ -24,10 +24,10 @@ OFF_AND_SAMPLE = [(OFF_1, ""), (SAMPLE_1, "")]
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session, "_HELLO_S", 0.4)
-    monkeypatch.setattr(session, "_HELLO_EVERY_S", 0.4)
-    monkeypatch.setattr(session, "_REPLY_S", 0.4)
-    monkeypatch.setattr(session, "_ATTEMPTS", 1)
+    monkeypatch.setattr(session, "HELLO_S", 0.4)
+    monkeypatch.setattr(session, "HELLO_EVERY_S", 0.4)
+    monkeypatch.setattr(session, "REPLY_S", 0.4)
+    monkeypatch.setattr(session, "ATTEMPTS", 1)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_a_beginning_that_fails(monkeypatch: pytest.MonkeyPatch, pairs: list[Pai
 
 
 def test_a_board_that_first_has_to_boot_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session, "_HELLO_S", 30.0)
+    monkeypatch.setattr(session, "HELLO_S", 30.0)
     second = ("07 01 01 35 12 57 0d 00", hello_reply(nonce=0x1235))  # lost with the text before it
     third = ("07 01 01 36 12 04 58 00", hello_reply(nonce=0x1236))
     with expected_exchange(monkeypatch, [(HELLO, b"boot\r\n"), second, third, *OPENING[1:], *CLOSING_1]) as driver:
