@@ -15,6 +15,7 @@ from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants
 from hapticd.gap.kernel.modes import OUTLIER
 from hapticd.gap.kernel.ticks import WHITE
+from hapticd.gap.lost_commands import mixture_gain
 from hapticd.gap.missing import missing_power
 from hapticd.plant.effect_terms import torque_constant
 
@@ -86,8 +87,8 @@ class LawSet:
 
 
 def scored(fit: Fit, penalty: float = 0.0) -> LawSet:
-    """A set with the held-out score of a fit (`Fit.held_out`)."""
-    held_out = fit.held_out()
+    """A set with the held-out score of a fit (`Fit.held_out`, and `mixture_gain` of lost commands)."""
+    held_out = fit.held_out() + fit.problem.series.per_block(mixture_gain(fit))
     return LawSet(fit, held_out - penalty / held_out.size, penalty)
 
 

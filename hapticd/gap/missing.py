@@ -66,15 +66,18 @@ def missing_force(fit: Fit) -> Missing:
 
 def _smoothed(fit: Fit, u: Floats, out: NDArray[Any]) -> Missing:
     series = fit.problem.series
-    p = fit.device(u)
-    duration, _, spread = fit.currents(u)
-    period = duration.sum(axis=1)
-    # Possibly lost commands count as a white force.
-    lost = np.sum((torque_constant(p) * spread * duration) ** 2, axis=1) / period**2
-    found = smoothed(out, float(fit.noise_values(u)[WHITE]) ** 2 / period + lost)
+    found = smoothed(out, white_variance(fit, u))
     # Of the white force only its mean over a window counts as missing.
     lasting = uniform_filter1d(found[:, 3], max(int(constants.LASTING_S / series.period_s), 1), mode="nearest")
     return Missing(found[:, 1] + lasting, found[:, 2], found[:, 0], out["x"].copy(), moving(fit, u, out))
+
+
+def white_variance(fit: Fit, u: Floats | None = None) -> Floats:
+    """(n,) variance of the mean white force until the next sample: noise, and commands that may have been lost."""
+    duration, _, spread = fit.currents(u)
+    period = duration.sum(axis=1)
+    lost = np.sum((torque_constant(fit.device(u)) * spread * duration) ** 2, axis=1) / period**2
+    return np.asarray(float(fit.noise_values(u)[WHITE]) ** 2 / period + lost)
 
 
 def moving(fit: Fit, u: Floats | None = None, out: NDArray[Any] | None = None) -> NDArray[np.bool_]:

@@ -61,18 +61,20 @@ def smoothed(out: NDArray[Any], white: NDArray[Any]) -> NDArray[Any]:
         out: (n,) of `TICK`. white: (n,) variance of the mean white force until the next sample [(N m)² or N²].
 
     Returns:
-        Shape (n, 4): velocity [rad/s or m/s], disturbance torque [N m or N] and its variance, and the mean white force
-        until the next sample.
+        Shape (n, 5): velocity [rad/s or m/s], disturbance torque [N m or N] and its variance, the mean white force until
+        the next sample, and the information of the samples on that force.
     """
     n = len(out)
-    found = np.empty((n, 4))
+    found = np.empty((n, 5))
     l0 = l1 = l2 = 0.0  # λ̂ and Λ̂ before the sample's own update
     a00 = a01 = a02 = a11 = a12 = a22 = 0.0
     for i in range(n - 1, -1, -1):
         row = out[i]
-        found[i, 3] = 0.0
+        found[i, 3] = found[i, 4] = 0.0
         if row.d_d > 0.0:  # through the transition to the next sample: λ̃ = Aᵀ λ̂, Λ̃ = Aᵀ Λ̂ A
-            found[i, 3] = -white[i] * (row.x_force * l0 + row.v_force * l1)
+            x, v = row.x_force, row.v_force
+            found[i, 3] = -white[i] * (x * l0 + v * l1)
+            found[i, 4] = x * x * a00 + 2.0 * x * v * a01 + v * v * a11
             xv, vv, xd, vd, dd = row.x_v, row.v_v, row.x_d, row.v_d, row.d_d
             m0, m1, m2 = l0, xv * l0 + vv * l1, xd * l0 + vd * l1 + dd * l2
             b00 = a00
