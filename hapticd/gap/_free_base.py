@@ -60,10 +60,11 @@ class FreeBase:
     def held(self, free: LawSet) -> LawSet:
         """The first set: with the inertia in the range of the balance, if it has left that, and leaves more force.
 
-        The balance assumes a record that is not late.
+        The balance assumes a record that is not late. It is not asked where the config has an uncertainty of the inertia.
         """
         given = self.sets.given
-        self.is_held = self.balance.contradicts(free.fit) and _INERTIA in self.slugs
+        has_prior = any(item.slug == BASE_WORDS[_INERTIA] for item in self.sets.known)
+        self.is_held = _INERTIA in self.slugs and not has_prior and self.balance.contradicts(free.fit)
         if not self.is_held:
             return free
         start = self._starts(self.balance.values, self.balance.inertia)

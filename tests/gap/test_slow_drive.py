@@ -51,9 +51,10 @@ def recorded(seed: int) -> Recording:
     return Recording("slow", time_s, np.floor(x / CELL) * CELL + 0.5 * CELL, CELL, torque, None, PERIOD_S, False)
 
 
-def model(inertia: float) -> Config:
+def model(inertia: float, uncertainty: dict[str, float] | None = None) -> Config:
     ideal = {"torque_constant": 1.0, "bandwidth_hz": 0, "dac_bits": 0, "peak_current": 0, "continuous_current": 0}
-    return parse_config({"plant": {"inertia": inertia, "viscous": 2e-4, "coulomb": 0.03}, "amplifier": ideal}, "guess")
+    plant = {"inertia": inertia, "viscous": 2e-4, "coulomb": 0.03, "uncertainty": uncertainty or {}}
+    return parse_config({"plant": plant, "amplifier": ideal}, "guess")
 
 
 @pytest.mark.timeout(1200)
@@ -66,3 +67,10 @@ def test_the_inertia_is_the_one_that_leaves_less_force_and_the_friction_that_ris
     assert stribeck.parameters["s"].value < -0.3
     assert found.gap.held_out_after < 0.6 * found.gap.held_out_before
     assert any("kept between" in warning for warning in found.recording["warnings"])
+
+
+def test_an_uncertainty_of_the_config_takes_the_place_of_the_balance() -> None:
+    known = model(1.6e-4, {"inertia": 3e-5, "viscous": 1e-4, "coulomb": 3e-3})
+    found = find_gap([recorded(3)], known, design=False)
+    assert found.effects == ("stribeck",)
+    assert not any("kept between" in warning for warning in found.recording["warnings"])
