@@ -16,6 +16,7 @@ import numpy as np
 from hapticd.gap import constants
 from hapticd.gap.kernel.filter import run_filter
 from hapticd.gap.kernel.linear import sensitivities
+from hapticd.gap.kernel.samples import Samples
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, NOISE, TICK, WHITE
 from hapticd.gap.parallel import check_cancelled, parallel_map
 from hapticd.gap.terms import LINE, RECORD_FILTER, line_torques, torque_slopes
@@ -133,8 +134,8 @@ class Fit:
         series = self.problem.series
         p = self.device(u)
         out = np.empty(series.size, TICK)
-        record = series.time_s, series.cell, *self.currents(u), series.begins, out
-        total = run_filter(p, self.noise_values(u), series.resolution, *record)
+        samples = Samples(series.resolution, series.time_s, series.cell, series.begins, *self.currents(u))
+        total = run_filter(p, self.noise_values(u), samples, out)
         (self.problem.columns if is_column else self.problem.runs).append(series.size)
         prior = -0.5 * float(np.sum(((u - self.centre) / self.prior) ** 2))
         return (total + prior if np.isfinite(total) else _NEVER), out

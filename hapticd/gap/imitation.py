@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapticd.gap.kernel.device import moving_inertia
-from hapticd.gap.kernel.imitate import imitate
+from hapticd.gap.kernel.imitate import Drive, imitate
+from hapticd.gap.kernel.samples import Samples
 
 if TYPE_CHECKING:
     from hapticd.gap._problem import Problem
@@ -34,23 +35,10 @@ def imitated(fit: Fit, seed: int) -> Problem:
     inertia = moving_inertia(p, 0.0)
     stiffness = problem.torque / (_NEAR * max(travel, series.resolution))
     stiffness = min(stiffness, _STIFFEST * inertia / series.period_s**2)
-    added, cell = np.empty(series.size), np.empty(series.size)
-    imitate(
-        p,
-        fit.noise_values(),
-        series.resolution,
-        float(series.cell[0] % 1.0),
-        series.time_s,
-        duration,
-        current,
-        spread,
-        series.begins,
-        1.5 * max(series.periods_s),
-        np.column_stack([x, v]),
-        stiffness,
-        2.0 * np.sqrt(stiffness * inertia),
-        np.random.default_rng(seed).normal(size=(series.size, 4)),
-        added,
-        cell,
-    )
+    added, cell = np.empty(series.size), series.cell.copy()
+    samples = Samples(series.resolution, series.time_s, cell, series.begins, duration, current, spread)
+    damping = 2.0 * np.sqrt(stiffness * inertia)
+    drive = Drive(np.column_stack([x, v]), float(stiffness), float(damping), 1.5 * max(series.periods_s))
+    normal = np.random.default_rng(seed).normal(size=(series.size, 4))
+    imitate(p, fit.noise_values(), samples, drive, normal, added)
     return replace(problem, series=replace(series, cell=cell, added=series.added + added), runs=[])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from hapticd.gap.kernel.filter import run_filter
+from hapticd.gap.kernel.samples import Samples
 from hapticd.gap.kernel.ticks import TICK
 from hapticd.plant.layout import index_of, neutral_vector
 
@@ -72,18 +73,8 @@ def filtered(one: Case, begins: NDArray[np.bool_] | None = None, p: Floats | Non
     out = np.zeros(n, TICK)
     spans = np.diff(one.time_s, append=one.time_s[-1] + PERIOD)[:, None].copy()
     cell = one.measured / one.resolution
-    total = run_filter(
-        device() if p is None else p,
-        one.noise,
-        one.resolution,
-        one.time_s,
-        cell,
-        spans,
-        one.current[:, None].copy(),
-        np.zeros((n, 1)),
-        begins,
-        out,
-    )
+    samples = Samples(one.resolution, one.time_s, cell, begins, spans, one.current[:, None].copy(), np.zeros((n, 1)))
+    total = run_filter(device() if p is None else p, one.noise, samples, out)
     return total, out
 
 

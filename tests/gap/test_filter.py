@@ -10,6 +10,7 @@ from scipy.stats import norm, truncnorm
 
 from hapticd.gap.kernel.cell import truncated
 from hapticd.gap.kernel.modes import OUTLIER
+from hapticd.gap.kernel.samples import Samples
 from hapticd.plant.layout import index_of
 
 from . import linear_case
@@ -157,17 +158,9 @@ def test_lost_commands_widen_the_prediction() -> None:
     _, sure = filtered(one)
     n = one.time_s.size
     out = np.zeros(n, linear_case.TICK)
-    linear_case.run_filter(
-        linear_case.device(),
-        one.noise,
-        one.resolution,
-        one.time_s,
-        one.measured / one.resolution,
-        np.full((n, 1), linear_case.PERIOD),
-        one.current[:, None].copy(),
-        np.full((n, 1), 50.0),
-        np.arange(n) == 0,
-        out,
-    )
+    spans, current = np.full((n, 1), linear_case.PERIOD), one.current[:, None].copy()
+    cell = one.measured / one.resolution
+    samples = Samples(one.resolution, one.time_s, cell, np.arange(n) == 0, spans, current, np.full((n, 1), 50.0))
+    linear_case.run_filter(linear_case.device(), one.noise, samples, out)
     added = out["vv"][1] - sure["vv"][1]
     assert added == pytest.approx((50.0 * linear_case.PERIOD) ** 2, rel=1e-6)

@@ -3,66 +3,71 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
+from numpy.typing import NDArray
 
+from hapticd.gap.kernel.samples import SAMPLES, Samples
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, SENSOR, WHITE
 from hapticd.jit import njit
 from hapticd.plant.effect_terms import torque_constant
 from hapticd.plant.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, index_of
 from hapticd.plant.numeric import measured, substep
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
 _m = types.Array(_f8, 2, "C")
-_flags = types.Array(types.boolean, 1, "C")
 
 _EXTERNAL = index_of("external_force")
 _FOLLOWS = 0.5
 """Gain of the α–β filter for position and velocity from the counts (Benedict and Bordner 1962)."""
 
 
-@njit(types.void(_a, _a, _f8, _f8, _a, _m, _m, _m, _flags, _f8, _m, _f8, _f8, _m, _a, _a))
+class Drive(NamedTuple):
+    """An additional drive that moves the shaft along a path.
+
+    It uses the measured position only: otherwise its current would contain information that the counts do not.
+
+    Attributes:
+        path: (n, 2) position and velocity to follow.
+        stiffness, damping: of the drive.
+        longest: longest period in which it acts [s].
+    """
+
+    path: NDArray[Any]
+    stiffness: float
+    damping: float
+    longest: float
+
+
+_DRIVE = types.NamedTuple((_m, _f8, _f8, _f8), Drive)
+
+
+@njit(types.void(_a, _a, SAMPLES, _DRIVE, _m, _a))
 def imitate(
     p: NDArray[Any],
     noise: NDArray[Any],
-    resolution: float,
-    edge: float,
-    time_s: NDArray[Any],
-    duration: NDArray[Any],
-    current: NDArray[Any],
-    spread: NDArray[Any],
-    begins: NDArray[Any],
-    longest: float,
-    path: NDArray[Any],
-    stiffness: float,
-    damping: float,
+    samples: Samples,
+    drive: Drive,
     normal: NDArray[Any],
     added: NDArray[Any],
-    cell: NDArray[Any],
 ) -> None:
     """Move the model's shaft near a path, and read its encoder.
 
     Args:
         p: device vector, shape (SIZE,); its external force is used as scratch.
         noise: shape (5,), in the order of `NOISE`.
-        resolution: width of a cell [rad or m]. edge: of a cell, over the resolution.
-        time_s: (n,) instants [s].
-        duration, current, spread: of the parts of each period, as in the filter, shape (n, parts).
-        begins: (n,) whether a sample is the first of a stretch.
-        longest: longest period in which the additional drive acts [s].
-        path: (n, 2) position and velocity to follow.
-        stiffness, damping: of an additional drive that moves the shaft to the path. It uses the measured position only:
-            otherwise its current would contain information that the counts do not.
+        samples: as in the filter; their cells are replaced by those of the model, with the same edges.
+        drive: what keeps the shaft near the path.
         normal: (n, 4) standard normal numbers.
         added: (n,) out: current of that drive in each period [A].
-        cell: (n,) out: lower edge of each sample's cell over the resolution.
     """
+    resolution, time_s, cell, begins = samples.resolution, samples.time_s, samples.cell, samples.begins
+    duration, current, spread = samples.duration, samples.current, samples.spread
+    path, stiffness, damping, longest = drive.path, drive.stiffness, drive.damping, drive.longest
+    edge = cell[0] % 1.0
     n, parts = current.shape
     constant = torque_constant(p)
     state = np.zeros(STATE)
