@@ -69,6 +69,8 @@ class Scale:
         positions: quantiles 0.01, 0.25, 0.5, 0.75 and 0.99 of the position.
         travel: from the smallest to the largest position.
         is_linear: whether the device is linear.
+        slowest: half of the speed below which a reversal has one sample at each side [rad/s or m/s]: a law with this speed
+            acts up to about twice it, and a slower one is not seen.
     """
 
     inertia: float
@@ -84,6 +86,7 @@ class Scale:
     positions: tuple[float, float, float, float, float]
     travel: float
     is_linear: bool = False
+    slowest: float = 0.0
 
 
 class LoopNumbers(Protocol):

@@ -17,7 +17,7 @@ def factor(speed: float, s: float, omega_s: float) -> float:
 
 def _grid(scale: Scale) -> Iterable[Values]:
     high = scale.speeds[3]
-    low = max(0.1 * scale.speeds[0], 1e-3 * high)
+    low = min(max(0.1 * scale.speeds[0], 1e-3 * high, scale.slowest), high)
     return [{"s": 0.1, "omega_s": omega_s} for omega_s in log_grid(low, high, 6)]
 
 

@@ -67,7 +67,15 @@ def scale_of(fit: Fit) -> Scale:
         positions=quantiles(out["x"], (0.01, 0.25, 0.5, 0.75, 0.99)),
         travel=float(np.ptp(out["x"])),
         is_linear=problem.is_linear,
+        slowest=_slowest(fit),
     )
+
+
+def _slowest(fit: Fit) -> float:
+    """`Scale.slowest`, rad/s or m/s; 0 without a reversal."""
+    velocity = fit.out["v"][moving(fit)]
+    beside = 2 * int(np.count_nonzero(np.diff(np.sign(velocity))))
+    return 0.5 * float(np.partition(np.abs(velocity), beside)[beside]) if 0 < beside < velocity.size else 0.0
 
 
 def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candidate]:
@@ -128,7 +136,7 @@ def keeps_the_drive(fit: Fit, present: Fit) -> bool:
 def _started(present: Fit, slug: str, values: Values, scale: Scale) -> Term:
     """A law at a start; a base parameter near zero may grow to the size of the device's torques."""
     if slug not in BASE_WORDS:
-        return term(slug, values, (), 0.1 * scale.travel)
+        return term(slug, values, (), 0.1 * scale.travel, scale.slowest)
     effect, law = CATALOGUE[slug], base_law(present.problem, slug, None, present.filter_s())
     size = max(effect.reach(scale) / effect.parameters[0].upper, 1.0) if effect.reach else 1.0
     return law.moved([law.coordinates[0].centre + math.log1p(size * float(values["r"]))])

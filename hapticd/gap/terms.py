@@ -120,7 +120,13 @@ class Term:
         return replace(self, start=tuple(u))
 
 
-def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequence[str], shift_scale: float) -> Term:
+def term(
+    slug: str,
+    values: Mapping[str, float | Sequence[float]],
+    held: Sequence[str],
+    shift_scale: float,
+    slowest: float = 0.0,
+) -> Term:
     """An effect with start values.
 
     Args:
@@ -128,6 +134,7 @@ def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequenc
         values: parameter to value, or to values if the parameter is a list; a parameter not in it is fixed and neutral.
         held: parameters in `values` that are not fitted.
         shift_scale: scale of a position, rad or m.
+        slowest: least value of a parameter that is a speed, rad/s or m/s.
     """
     coordinates, start, fixed = [], [], []
     for parameter in CATALOGUE[slug].parameters:
@@ -144,7 +151,9 @@ def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequenc
             is_log = parameter.scale == "log" and value > 0.0
             if is_log:
                 reach = np.inf if parameter.name == CATALOGUE[slug].amplitude else _REACH
-                lower = np.log(max(parameter.lower, value / _REACH))
+                least = max(parameter.lower, slowest) if parameter.unit == "rad/s" else parameter.lower
+                value = max(value, least)
+                lower = np.log(max(least, value / _REACH))
                 upper, scale = np.log(min(parameter.upper, value * reach)), 0.5
                 value = float(np.log(value))
             else:
