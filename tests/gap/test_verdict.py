@@ -76,6 +76,21 @@ def test_doubts_and_what_is_left_are_said_beside_a_tie_too() -> None:
     assert LEFT.words in statement
 
 
+def test_a_tie_without_doubts_says_only_the_choice() -> None:
+    _, statement = decide(["gravity", "stribeck"], [("return_spring",), ("presliding",)], [], GAP, CLEAN, 1.0)
+    assert statement == (
+        "These data do not distinguish which it is: gravity or return_spring; stribeck or presliding "
+        "(missing 0.00031 N m before, 1.2e-05 N m after)."
+    )
+
+
+def test_structure_below_twice_the_noise_floor_does_not_matter() -> None:
+    numbers = GapNumbers(3e-4, 1e-5, 3.1e-4, 3.9e-6, 2e-6, "N m")
+    assert decide(["gravity"], [()], [], numbers, LEFT, 1.0)[0] == "effect_found"
+    above = GapNumbers(3e-4, 1e-5, 3.1e-4, 4.1e-6, 2e-6, "N m")
+    assert decide(["gravity"], [()], [], above, LEFT, 1.0)[0] == "partly_explained"
+
+
 def test_what_is_left_is_said() -> None:
     for effects, indistinguishable in (([], []), (["gravity"], [()])):
         assert LEFT.words in decide(effects, indistinguishable, [], GAP, LEFT, 1.0)[1]

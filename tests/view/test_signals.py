@@ -74,6 +74,20 @@ def test_the_difference_is_the_second_less_the_first() -> None:
     found = difference(signals(first), signals(moved))
     np.testing.assert_allclose(found.position, 3 * RAW, rtol=1e-9)
     assert found.document["command"]["max"] == 0.0
+    assert found.document["position"] == {
+        "rms": pytest.approx(3 * RAW),
+        "max": pytest.approx(3 * RAW),
+        "unit": signals(first).position_unit,
+    }
+
+
+def test_the_difference_is_taken_at_the_times_of_both() -> None:
+    whole, half = signals(oscillation()), signals(first_seconds(oscillation(), 1.0))
+    for one, other in ((whole, half), (half, whole)):
+        assert difference(one, other).time_s[-1] == half.time_s[-1]
+    later = replace(half, time_s=half.time_s + 10.0)
+    with pytest.raises(RunFileError, match="have no time in common"):
+        difference(whole, later)
 
 
 def test_no_difference_between_units() -> None:
