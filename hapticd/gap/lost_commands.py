@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
 
-LOSS: Final = index_of("dropped_samples.p")
+_LOSS: Final = index_of("dropped_samples.p")
 _WHITES: Final = 9
 """Values of the white noise that are tried, up to the variance of the lost commands."""
 _LEAST: Final = 1e-6
@@ -40,7 +40,7 @@ def mixture_gain(fit: Fit) -> Floats:
     Returns:
         Shape (n,).
     """
-    loss = float(fit.device()[LOSS])
+    loss = float(fit.device()[_LOSS])
     if loss == 0.0:
         return np.zeros(fit.out.size)
     duration, current, spread = fit.currents()

@@ -11,7 +11,9 @@ import pytest
 from benchmarks.gap.disturbance import Coloured
 from hapticd.config import Config
 from hapticd.gap import find_gap
-from hapticd.gap.base_model import balanced, base_law, known_terms, problem_of
+from hapticd.gap.base_model import Balanced, balanced, base_law, known_terms, problem_of
+from hapticd.gap.choose import Search
+from hapticd.gap.inertia_range import InertiaRange
 from hapticd.gap.model_file import improved_model
 
 INERTIA, VISCOUS, COULOMB = 6.28e-6, 9.0e-6, 2.0e-3
@@ -76,6 +78,23 @@ def test_what_the_model_is_unsure_of_is_fitted_and_not_named(hidden: Callable[..
     assert (known.slug, known.coordinates[0].prior) == ("inertia", pytest.approx(0.1 / 1.1))
     assert find_gap([recording], unsure_model, design=False).effects == ("constant_bias",)
     assert set(find_gap([recording], off, design=False).effects) == {"constant_bias", "inertia_error"}
+
+
+@pytest.mark.parametrize("is_known", [False, True])
+def test_a_balance_holds_no_inertia_that_the_config_is_sure_of(hidden: Callable[..., Any], is_known: bool) -> None:
+    """A late device makes the inertia of the balance too large: here it says ten times the true one, and no force left."""
+    recording, model = hidden([{"name": "constant_bias", "tau_0": 6e-4}], 23, 6.0)
+    uncertainty = model.plant.uncertainty.model_copy(update={"inertia": 0.05 * INERTIA if is_known else 0.0})
+    model = model.model_copy(update={"plant": model.plant.model_copy(update={"uncertainty": uncertainty})})
+    problem = problem_of([recording], model)
+    denied = Balanced({"inertia_error": 10.0 * INERTIA}, InertiaRange(9.0 * INERTIA, 11.0 * INERTIA, 0.0))
+    search = Search(problem, ("inertia_error", "constant_bias"), known_terms(problem, model), denied)
+    free = search.base.first()
+    assert free is not None
+    assert denied.contradicts(free.fit)
+    first = search.base.held(free)
+    assert (first is free) == is_known
+    assert not (is_known and search.base.is_held)
 
 
 def guessed(model: Config, times: float) -> Config:

@@ -7,9 +7,12 @@ import signal
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
+from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.injections import INJECTIONS
 from hapticd.hil.matrix import Row
 from hapticd.hil.witness import LOOK_S, Witness
@@ -43,6 +46,21 @@ def test_what_goes_on_as_it_must_is_one_sentence_and_no_row() -> None:
     )
     assert "Disturbed and repeated: 1." in markdown([fine], 2)
     assert "| 1/2: 1 × 3 rows lost |" in markdown([failed], 2)
+
+
+@pytest.mark.parametrize(
+    ("driver", "options", "asleep_s"), [("serial_dac", {}, 0.06), ("canopen", {"watchdog_ms": 400}, 1.2)]
+)
+def test_a_stalled_daemon_outlasts_every_watchdog(
+    monkeypatch: pytest.MonkeyPatch, driver: str, options: dict[str, int], asleep_s: float
+) -> None:
+    done: list[float] = []
+    monkeypatch.setattr("hapticd.hil.injections.time.sleep", done.append)
+    config = SimpleNamespace(driver=SimpleNamespace(name=driver, options=options))
+    act = next(one for one in INJECTIONS if one.name == "stall").act
+    assert act is not None
+    act(cast("DaemonProcess", SimpleNamespace(config=config, signal=done.append)))
+    assert done == [signal.SIGSTOP, pytest.approx(asleep_s), signal.SIGCONT]
 
 
 def test_the_witness_watches() -> None:
