@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from hapticd.gap.kernel.filter import run_filter
+from hapticd.gap.kernel.samples import Samples
 from hapticd.gap.kernel.ticks import TICK
 from hapticd.plant.layout import index_of, neutral_vector
 
@@ -65,9 +66,8 @@ def _filtered(spans: Floats, current: Floats, shown: Floats) -> NDArray[Any]:
     lasts = np.append(np.diff(time_s), PERIOD)[:, None].copy()
     out = np.zeros(n, TICK)
     cell = np.floor(shown / resolution)
-    run_filter(
-        p, NOISE, resolution, time_s, cell, lasts, current[:, None].copy(), np.zeros((n, 1)), np.arange(n) == 0, out
-    )
+    first = np.arange(n) == 0
+    run_filter(p, NOISE, Samples(resolution, time_s, cell, first, lasts, current[:, None].copy(), np.zeros((n, 1))), out)
     return out
 
 
