@@ -45,7 +45,7 @@ lint: $(STAMP)   ## ruff; do the installed packages agree with one another
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: $(STAMP)  ## mypy, strict
+types: $(STAMP)  ## mypy, strict; of tests and benchmarks, does each call fit its function
 	$(BIN)/mypy
 
 TYPESCRIPT := 5.9.3

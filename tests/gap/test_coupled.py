@@ -67,7 +67,9 @@ def _filtered(spans: Floats, current: Floats, shown: Floats) -> NDArray[Any]:
     out = np.zeros(n, TICK)
     cell = np.floor(shown / resolution)
     first = np.arange(n) == 0
-    run_filter(p, NOISE, Samples(resolution, time_s, cell, first, lasts, current[:, None].copy(), np.zeros((n, 1))), out)
+    run_filter(
+        p, NOISE, Samples(resolution, time_s, cell, first, lasts, current[:, None].copy(), np.zeros((n, 1))), out
+    )
     return out
 
 

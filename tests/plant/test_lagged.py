@@ -30,11 +30,15 @@ def made(natural: float, ratio: float, mu: float, beta: float, span: float, fine
     return coarse
 
 
-def drawn(rng: np.random.Generator, speed: float) -> tuple[tuple[float, ...], tuple[float, ...], float]:
+State = tuple[float, float, float, float, float]
+
+
+def drawn(rng: np.random.Generator, speed: float) -> tuple[State, tuple[float, ...], float]:
     """A state (x, v, force, rate, aim), a device (μ, β, σ, ω, δ) and a span."""
-    state = tuple(rng.normal(0.0, size) for size in (3.0, speed, 3.0, 3.0, 3.0))
-    device = (10.0 ** rng.uniform(0.0, 2.5), rng.uniform(0.0, 2.0), rng.uniform(0.0, 2.0))
-    return state, (*device, 10.0 ** rng.uniform(-1.5, 1.7), 10.0 ** rng.uniform(-1.0, 0.5)), rng.uniform(0.05, 1.0)
+    x, v, force, rate, aim = rng.normal(0.0, (3.0, speed, 3.0, 3.0, 3.0)).tolist()
+    device: tuple[float, ...] = (10.0 ** rng.uniform(0.0, 2.5), rng.uniform(0.0, 2.0), rng.uniform(0.0, 2.0))
+    device = (*device, 10.0 ** rng.uniform(-1.5, 1.7), 10.0 ** rng.uniform(-1.0, 0.5))
+    return (x, v, force, rate, aim), device, rng.uniform(0.05, 1.0)
 
 
 def _slope(_: float, y: Floats, flow: Floats, given: Floats) -> Floats:
