@@ -15,7 +15,7 @@ from scipy.stats import t as student
 from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.effects.spec import Scale
-from hapticd.gap import constants, find_gap
+from hapticd.gap import choose, constants, find_gap
 from hapticd.gap.base_model import base_law, problem_of
 from hapticd.gap.candidates import both_signs, candidates, scale_of
 from hapticd.gap.choose import Search
@@ -381,3 +381,28 @@ def test_friction_that_rises_from_rest_is_found(hidden: Hidden, s: float, omega_
     (step,) = result.steps
     assert step.parameters["s"].value == pytest.approx(s, abs=0.01)
     assert step.parameters["omega_s"].value == pytest.approx(omega_s, rel=0.01)
+
+
+@pytest.mark.parametrize(("slow", "ties"), [(8.0, ()), (0.0, ("asymmetric_coulomb",))], ids=["beaten", "equal"])
+def test_what_a_slow_disturbance_makes_equal_is_a_tie(
+    biased: LawSet, corrected: LawSet, monkeypatch: pytest.MonkeyPatch, slow: float, ties: tuple[str, ...]
+) -> None:
+    """A late device of a slow drive predicts as a lag does with one disturbance, and as lost commands with the other."""
+    rival = scored(biased.fit.extended(term("asymmetric_coulomb", {"a": 0.0}, (), 0.1)).approach(5, 4).maximise())
+
+    def errors(one: LawSet, other: LawSet) -> tuple[float, float]:
+        if one is corrected and other is rival:
+            return 30.0, 8.0
+        if one is rival and other is corrected:
+            return -30.0, -8.0
+        if one is rival.with_slow_disturbance:
+            return -0.5 * slow**2, -slow
+        return evidence(one, other)
+
+    monkeypatch.setattr(choose, "evidence", errors)
+    monkeypatch.setattr(choose, "extensions", lambda *_: [corrected, rival])
+    monkeypatch.setattr(choose, "finished", lambda one: one)
+    search = Search(biased.fit.problem, ["constant_bias", "asymmetric_coulomb"], is_asked=True)
+    *_, last = search.rounds()
+    (named,) = search.named(last.chosen)
+    assert (named.law, tuple(one.laws[-1] for one in named.ties)) == ("constant_bias", ties)
