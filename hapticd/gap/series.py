@@ -70,6 +70,7 @@ class Series:
     period_s: float
     added: Floats
     _currents: dict[tuple[float, ...], tuple[Floats, Floats, Floats]] = field(default_factory=dict, init=False)
+    _swings: dict[tuple[tuple[int, float], ...], Floats] = field(default_factory=dict, init=False)
     _lock: Lock = field(default_factory=Lock, init=False)
 
     @property
@@ -97,6 +98,21 @@ class Series:
     def middle_s(self) -> Floats:
         """(n,) middle of the period after each sample."""
         return self.time_s + 0.5 * self.period_s
+
+    def swings(self, lines: tuple[tuple[int, float], ...]) -> Floats:
+        """Sine and cosine of each line in the middle of each period, shape (n, 2 lines); read only.
+
+        Args:
+            lines: number of a recording, outside of which it is 0, and frequency [Hz], each.
+        """
+        with self._lock:
+            if lines not in self._swings:
+                turns = np.multiply.outer(self.middle_s, [2.0 * np.pi * frequency for _, frequency in lines])
+                found = np.stack([np.sin(turns), np.cos(turns)], axis=2)
+                found *= np.equal.outer(self.recording, [number for number, _ in lines])[:, :, None]
+                self._swings[lines] = np.ascontiguousarray(found.reshape(self.size, -1))
+                self._swings[lines].flags.writeable = False
+            return self._swings[lines]
 
     def subsample(self, every: int) -> Series:
         """One block of `every`, for quick comparisons; the first state of each block is unknown.

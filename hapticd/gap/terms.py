@@ -175,11 +175,8 @@ def term(
 
 
 def line_torques(item: Term, series: Series) -> Floats:
-    """Torque per unit of each coordinate of lines in each period, shape (n, k): a sine and a cosine per line."""
-    turns = np.multiply.outer(series.middle_s, [2.0 * np.pi * frequency for _, frequency in item.fixed])
-    swings = np.stack([np.sin(turns), np.cos(turns)], axis=2)
-    swings *= np.equal.outer(series.recording, [-1 - word for word, _ in item.fixed])[:, :, None]
-    return np.ascontiguousarray(swings.reshape(series.size, -1))
+    """Torque per unit of each coordinate of lines in each period, shape (n, k), read only: a sine and a cosine per line."""
+    return series.swings(tuple((-1 - word, frequency) for word, frequency in item.fixed))
 
 
 def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats, series: Series) -> Floats | None:
@@ -189,7 +186,7 @@ def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats, series: Se
     filter each.
     """
     if item.slug == LINE:
-        return line_torques(item, series)
+        return line_torques(item, series).copy()
     if item.slug != "torque_ripple":
         return None
     found = np.empty((x.size, len(item.coordinates)))
