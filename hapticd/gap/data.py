@@ -14,6 +14,7 @@ import numpy as np
 from hapticd.config import Config, Encoder, parse_config
 from hapticd.gap.checks import check_recording, check_samples
 from hapticd.gap.errors import RecordingError
+from hapticd.gap.own_clock import at_the_samples, own_clock
 from hapticd.gap.recording import Recording
 from hapticd.record import FLAG_MISSED_EXCHANGE, Run, read_run
 from hapticd.record.stamp_grid import spread
@@ -77,13 +78,18 @@ def unchecked(run: Run, model: Config) -> Recording:
         warnings = (*warnings, turned)
     current = _current(run, model)
     check_samples(str(run.path), time_s, position, current)
+    measured, clock = _measured(columns), own_clock(time_s, position)
+    if clock:
+        warnings = (*warnings, f"{run.path.name}: {clock.described(float(np.median(np.diff(time_s))))}")
+        rows, time_s, current = at_the_samples(time_s, current, clock)
+        position, measured = position[rows], measured if measured is None else measured[rows]
     return Recording(
         name=run.path.name,
         time_s=time_s - time_s[:1],
         position=position,
         resolution=resolution,
         current=current,
-        current_measured=_measured(columns),
+        current_measured=measured,
         period_s=float(np.median(np.diff(time_s))),
         is_linear=is_linear,
         warnings=warnings,
