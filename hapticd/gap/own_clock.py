@@ -17,8 +17,6 @@ import numpy as np
 from hapticd.gap.parallel import one_blas_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     from hapticd.gap.arrays import Floats
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
 _ROWS: Final = 200, 6000
 """Least number of samples, and number of those in which a clock is looked for: where the shaft moves most."""
 _REGULAR: Final = 0.01
-"""Largest difference of two waits for a sample, over their median: the recorder's own times must be exact."""
+"""Largest difference of two waits for a sample, over their median: a sample that is late moves as a stale one does."""
 _ORDER: Final = 3
 _AROUND: Final = 4
 """The velocity is the mean over so many periods before and after a sample."""
@@ -170,11 +168,19 @@ def _first_clock(part: _Part, period_s: float) -> OwnClock | None:
     if not np.any(part.bends):
         return None
     duration_s, middle_s = float(np.ptp(part.time_s)), float(np.mean(part.time_s))
-    beats = [beat_hz + turns / duration_s for beat_hz in _lines(part, period_s) for turns in np.linspace(-1.0, 1.0, 17)]
-    shares = [part.periodic(beat_hz) for beat_hz in beats]
-    if max(shares) < _FIRST_SHARE:
+    lines = _lines(part, period_s)
+
+    def near_lines(turns: Floats, least: float) -> list[tuple[float, float]]:
+        """Shares that beats near the lines explain, and these beats, from a least share."""
+        found = [(part.periodic(beat_hz), beat_hz) for line in lines for beat_hz in line + turns / duration_s]
+        return [one for one in found if one[0] > least]
+
+    if not near_lines(np.linspace(-0.25, 0.25, 3), 0.5 * _FIRST_SHARE):
         return None
-    beat_hz = beats[int(np.argmax(shares))]
+    beats = near_lines(np.linspace(-1.0, 1.0, 17), _FIRST_SHARE)
+    if not beats:
+        return None
+    _, beat_hz = max(beats)
     periods = {1.0 / abs(whole / period_s + sign * beat_hz) for whole in range(3) for sign in (1.0, -1.0)}
     tried = (
         max((part.scored(P, middle_s + phase * P) for phase in _PHASES), key=lambda one: one.share)
@@ -190,7 +196,7 @@ def _velocity(time_s: Floats, position: Floats) -> Floats:
     return np.asarray((position[last] - position[first]) / (time_s[last] - time_s[first]))
 
 
-def _lines(part: _Part, period_s: float) -> Iterator[float]:
+def _lines(part: _Part, period_s: float) -> list[float]:
     """The strongest lines [Hz] of third differences times the velocity; the noise of the position is made white."""
     product = part.bends * part.velocity[1 : 1 - _ORDER]
     size = 2 * product.size
@@ -199,7 +205,9 @@ def _lines(part: _Part, period_s: float) -> Iterator[float]:
         np.abs(np.fft.rfft(product - product.mean(), size)) / np.maximum(2.0 * np.sin(np.pi * cycles), 1e-3) ** _ORDER
     )
     swing[cycles < _SLOWEST] = 0.0
+    found = []
     for _ in range(_LINES):
         line = int(np.argmax(swing))
-        yield float(cycles[line]) / period_s
+        found.append(float(cycles[line]) / period_s)
         swing[max(line - _BESIDE, 0) : line + _BESIDE + 1] = 0.0
+    return found

@@ -124,6 +124,22 @@ def test_csv_with_position_and_force(tmp_path: Path) -> None:
     assert np.allclose(found.current, force / 0.03)
 
 
+def test_positions_of_another_clock_are_used_when_they_were_sampled(tmp_path: Path) -> None:
+    made = rows(6000)
+    sampled_s = made["time_s"] - np.mod(made["time_s"], 1.15e-3)
+    made["encoder_counts"] = np.floor(5000.0 * np.sin(10.0 * sampled_s))
+    found = load_recording(native(tmp_path / "r.arrow", made), model())
+    assert found.period_s == pytest.approx(1.15e-3, rel=1e-5)
+    assert found.rows == pytest.approx(6000 / 1.15, rel=0.03)
+    start_s = np.unique(sampled_s)[0]
+    assert found.position == pytest.approx(5000.0 * CELL * np.sin(10.0 * (start_s + found.time_s)), abs=1.2 * CELL)
+    (said,) = (warning for warning in found.warnings if "clock" in warning)
+    assert said == (
+        "r.arrow: the positions have a clock of their own, with a period of 1.15 ms (1.150 of the record's): the record is "
+        "used at the times of its samples"
+    )
+
+
 def test_steps_of_positions_without_a_known_encoder() -> None:
     position = 1e-4 * np.array([0.0, 3.0, 7.0, 8.0, 2.0])
     assert step_of(position, CELL) == pytest.approx(1e-4)
