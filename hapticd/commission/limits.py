@@ -232,8 +232,8 @@ def trips(rig: Rig) -> Result:
             shown = speed if code == "over_speed" else np.abs(position)
             beyond = np.flatnonzero(shown > CLEARLY * value)
             late = ended + 1 - int(beyond[0]) if len(beyond) else 0
-            figures |= {f"{code}fault_of": fault, f"{code}_periods_to_zero": late}
-            limit[f"{code}fault_of"], limit[key] = code, value
+            figures |= {f"{code}_fault": fault, f"{code}_periods_to_zero": late}
+            limit[f"{code}_fault"], limit[key] = code, value
             if fault != code:
                 problems.append(f"{key} = {value:.3g} was passed with the fault {fault}")
             elif late > ZERO_PERIODS:
