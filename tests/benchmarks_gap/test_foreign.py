@@ -16,6 +16,7 @@ from benchmarks.gap.foreign import __main__ as command
 from benchmarks.gap.foreign import cases, judge, machines, nominal, record, table, truth
 from benchmarks.gap.foreign.simulate import Loop, Machine, play
 from hapticd.config import load_config
+from hapticd.gap.data import load_recording
 from hapticd.record import import_run, load_map, read_run
 
 FREE = Loop(0.0, 0.0, 0.0, 0.0, 1e9, 1, 0)
@@ -233,3 +234,34 @@ def test_it_runs_goes_on_and_reports(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert yaml.safe_load((tmp_path / "cases/s019-000/map.yaml").read_text())["device"] == "rotary"
     assert command.main(given) == 0
     assert path.read_bytes() == kept
+
+
+def test_a_clock_of_the_device_is_found_where_it_has_one_and_nowhere_else(tmp_path: Path) -> None:
+    has: list[bool] = []
+    found: list[bool] = []
+    own = [number for number in range(120) if cases.Case(0, number).drawn[2] == "unsynchronised"]
+    for number in {*own, *range(20)}:
+        files, known = cases.make(cases.Case(0, number))
+        for name, content in files.items():
+            (tmp_path / name).write_bytes(content)
+        import_run(tmp_path / "record.csv", load_map(tmp_path / "map.yaml"), tmp_path / f"{number}.arrow")
+        recording = load_recording(tmp_path / f"{number}.arrow", load_config(tmp_path / "model.yaml"))
+        has.append(known["fault"] == "unsynchronised")
+        found.append(any("a clock of their own" in warning for warning in recording.warnings))
+    assert not any(clock and not one for clock, one in zip(found, has, strict=True))
+    assert sum(found) > 0.8 * len(own) > 5.0  # a beat that is nearly as slow as the motion is not found
+
+
+def test_cases_of_one_fault(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    with pytest.raises(SystemExit):
+        command.parse(["--fault", "broken"])
+    assert "unsynchronised" in capsys.readouterr().err
+    asked: list[cases.Case] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(command.options, "answer_and_report", lambda _, wanted, *__: asked.extend(wanted) or 0)
+        assert (
+            command.main(["--seed", "3", "--cases", "60", "--fault", "stale", "--fault", "none", "-o", str(tmp_path)])
+            == 0
+        )
+    assert len(asked) > 5
+    assert {case.drawn[2] for case in asked} == {"stale", "none"}
