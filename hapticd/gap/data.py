@@ -78,7 +78,7 @@ def unchecked(run: Run, model: Config) -> Recording:
         warnings = (*warnings, turned)
     current = _current(run, model)
     check_samples(str(run.path), time_s, position, current)
-    measured, clock = _measured(columns), own_clock(time_s, position)
+    measured, clock = _measured(columns), own_clock(time_s, position, resolution)
     if clock:
         warnings = (*warnings, f"{run.path.name}: {clock.described(float(np.median(np.diff(time_s))))}")
         rows, time_s, current = at_the_samples(time_s, current, clock)

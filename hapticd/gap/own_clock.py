@@ -39,6 +39,8 @@ _LEAST_SHARE, _FIRST_SHARE = 0.5, 0.2
 _PHASES: Final = np.arange(0.0, 1.0, 1.0 / 48.0)
 _NEAR_ONE: Final = 0.25
 """Largest deviation from 1 of the factor with which the age explains them."""
+_CELLS: Final = 1.5
+"""Least motion in a period of the clock, in counts: at a constant speed the encoder's own steps are a sawtooth of one."""
 _UNSURE: Final = 0.01
 """Age, and time to the device's next sample, in its periods, below which it is not sure which sample a row has."""
 
@@ -100,11 +102,11 @@ class _Part(NamedTuple):
 
 
 @one_blas_thread
-def own_clock(time_s: Floats, position: Floats) -> OwnClock | None:
+def own_clock(time_s: Floats, position: Floats, resolution: float) -> OwnClock | None:
     """The device's own clock, if the positions show one.
 
     Args:
-        time_s: (n,) times of the samples [s]. position: (n,) in any unit.
+        time_s: (n,) times of the samples [s]. position: (n,) in any unit. resolution: one count, in the same unit.
     """
     waits = np.diff(time_s)
     if time_s.size < _ROWS[0] or np.ptp(waits) > _REGULAR * float(np.median(waits)):
@@ -118,7 +120,10 @@ def own_clock(time_s: Floats, position: Floats) -> OwnClock | None:
         return _Part(time_s[first:last], velocity[first:last], np.diff(position[first:last], _ORDER))
 
     found = _first_clock(part(first, first + rows), float(np.median(waits)))
-    if found is None:
+    if (
+        found is None
+        or found.period_s * float(np.sqrt(np.mean(velocity[first : first + rows] ** 2))) < _CELLS * resolution
+    ):
         return None
     last = first + rows
     while True:
